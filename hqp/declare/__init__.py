@@ -1,1 +1,1 @@
-"""What a user declares: elements with laws, in levels, in a stack."""
+"""User declarations: elements with laws, in levels, in a stack."""

@@ -1,4 +1,4 @@
-"""Is an element right?  Shapes, Jacobian and drift against differences on the manifold, and what is wrong in words."""
+"""Check an element: shapes, Jacobian and drift against differences on the manifold, with faults in words."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ STEP = 1e-6
 """Tangent step of the differences [m, rad]."""
 
 SAME = 1e-5
-"""Numbers agree within this, relative to 1 + the largest of them: above what the differences lose, below any fault."""
+"""Numbers agree within this, relative to 1 + the largest of them: above the error of the differences, below any
+fault."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What ``check`` found: faults, sentence by sentence, and notes on what differences cannot tell."""
+    """Result of ``check``: a sentence per fault, and notes on quantities that differences cannot check."""
 
     element: str
     faults: tuple[str, ...]
@@ -30,7 +31,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """True if there is no fault."""
         return not self.faults
 
     def __str__(self) -> str:
@@ -70,7 +71,7 @@ class _Work:
         return robot.state(q, rng.normal(size=robot.nv))
 
     def steer(self, state: State) -> tuple[Any, ...]:
-        """What the functions of a steered element take beside the state: what is held at that state."""
+        """Return the extra argument of a steered element's functions: the hold value at that state."""
         value = self.element.hold(state).value if self.element.steered else None
         return () if value is None else (value,)
 
@@ -124,7 +125,7 @@ class _Work:
             yield from self._judge_drift(drift, (ahead - behind) / (2.0 * STEP), q, v)
 
     def _error_about(self, q: Vec) -> Callable[[State], Vec] | None:
-        """What moves with J v near q and is zero there."""
+        """Return a function that changes by J v near q and is zero at q."""
         element, state = self.element, self.robot.state(q)
         if isinstance(element, Inequality):
             steer = self.steer(state)
@@ -175,7 +176,7 @@ class _Work:
         yield self._frame_or_term(J, slope, q)
 
     def _frame_or_term(self, J: Mat, slope: Mat, q: Vec) -> str:
-        """A Jacobian in other axes, or one that lacks the motion of a frame, or what is left to say."""
+        """Name wrong axes, a missing motion of a frame, or the remaining difference."""
         robot = self.robot
         state = robot.state(q)
         for name in self._frames():

@@ -1,4 +1,4 @@
-"""Tasks and constraints: frozen declarations with readable functions of a state that say what their rows are."""
+"""Tasks and constraints: frozen declarations with readable functions of a state that return their rows."""
 
 from __future__ import annotations
 
@@ -31,17 +31,16 @@ Unit: TypeAlias = Literal["m", "rad"]
 REGISTRY: weakref.WeakValueDictionary[str, type[Element]] = weakref.WeakValueDictionary()
 """Concrete element classes by name, for stacks read from files; a script's own classes end with the script."""
 
-_APART = frozenset({"among", "at", "hold", "default_name", "row_names"})  # say nothing of the rows' numbers
+_APART = frozenset({"among", "at", "hold", "default_name", "row_names"})  # no effect on the numbers of the rows
 
 
 @dataclass(frozen=True, kw_only=True)
 class Element(ABC):
     """A member of a stack: rows on one quantity of the robot.
 
-    name: unique in a stack, the frame or the class by default.  weight: multiplies the rows inside their level
-    (squared norm: weight^2), orders nothing.  law: how the error becomes a demand, the formulation's default for
-    None.  when: phases in which it is in, all for none.  Raises DeclarationError for a weight that is not positive and
-    finite.
+    name: unique in a stack, the frame or the class by default.  weight: multiplies the rows inside their level (squared
+    norm: weight^2), orders nothing.  law: map from error to demand, the formulation's default for None.  when: phases
+    in which it is in, all for none.  Raises DeclarationError for a weight that is not positive and finite.
     """
 
     name: str = ""
@@ -53,9 +52,9 @@ class Element(ABC):
     equality: ClassVar[bool] = True
     is_contact: ClassVar[bool] = False
     grounded: ClassVar[bool] = False
-    """Whether the readable functions take the ground's normal ``(3,)``, which comes with the reference, too."""
+    """True if the readable functions also take the ground's normal ``(3,)``, which comes with the reference."""
     steered: ClassVar[bool] = False
-    """Whether J, drift and bounds take the value of the reference, too."""
+    """True if J, drift and bounds also take the value of the reference."""
     units: ClassVar[tuple[Unit, ...]] = ()
     """Unit of each block of rows, ``()`` where it is neither; a Pose has two blocks."""
 
@@ -107,16 +106,16 @@ class Element(ABC):
     def off(self) -> Reference:
         """The element is out of this tick: its rows are free, and a contact at torque level bears no force.
 
-        What is asked of the force of a contact goes with it.  An element that comes back takes a fresh hold value.
+        Elements on the force of a contact are out with it.  An element that comes back takes a fresh hold value.
         """
         return Reference(self.name, on=False)
 
     def on(self) -> Reference:
-        """The element is in, whatever the phase of this tick says."""
+        """Switch the element in for one tick, regardless of its phase."""
         return Reference(self.name, on=True)
 
     def goes_with(self, out: Set[str]) -> bool:
-        """Whether the element is out where those of these names are: what is asked of the force of one of them."""
+        """Return true if the element is out when these elements are out: an element on the force of one of them."""
         return getattr(self, "contact", None) in out
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
@@ -132,7 +131,7 @@ class Element(ABC):
         return ()
 
     def plan(self, robot: Robot) -> Plan | None:
-        """The native operation that writes the same rows, names resolved; None where there is none.
+        """The native operation that writes the same rows, names resolved; None if there is none.
 
         It counts only where no subclass of the class that gives it redefines a function of the element.
         """
@@ -143,21 +142,21 @@ class Element(ABC):
 class Task(Element):
     """Something to bring to zero: error e = value - reference, with rows J x = law(e, ...).
 
-    A subclass gives ``rows``, ``value``, ``jacobian``, for accelerations and torques ``drift``, and ``error`` where
-    the value is no vector; J v must be the rate of the value.  ``hqp.check`` tells whether they fit.
+    A subclass gives ``rows``, ``value``, ``jacobian``, for accelerations and torques ``drift``, and ``error`` where the
+    value is no vector; J v must be the rate of the value.  ``hqp.check`` compares them.
     """
 
     demands: ClassVar[bool] = False
-    """Whether ``error`` is minus what is demanded of J x, by a law of the task's own, and not value minus reference."""
+    """True if ``error`` is minus the demand on J x, by a law of the task's own, and not value minus reference."""
 
     @property
     def rotation_rows(self) -> int | None:
-        """First of the three rows whose error is a rotation vector, None where there are none."""
+        """First of the three rows whose error is a rotation vector, None without such rows."""
         return None
 
     @abstractmethod
     def value(self, state: State) -> Any:
-        """What the task controls, ``(m,)`` unless the task says otherwise."""
+        """Value under control, ``(m,)`` unless the task documents another shape."""
 
     @abstractmethod
     def jacobian(self, state: State) -> Mat:
@@ -168,7 +167,7 @@ class Task(Element):
         return np.asarray(self.value(state) - reference, dtype=np.float64)
 
     def drift(self, state: State) -> Vec:
-        """dJ/dt v ``(m,)``; a task without it is refused where accelerations are asked for."""
+        """dJ/dt v ``(m,)``; accelerations need it."""
         raise NotImplementedError
 
     def hold(self, state: State) -> Reference:
@@ -178,7 +177,7 @@ class Task(Element):
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
         """The target for one tick, with velocity and acceleration feedforward; None keeps the hold value.
 
-        Raises DeclarationError for what is no number.
+        Raises DeclarationError for values that are not numeric.
         """
 
         def array(what: str, x: Any) -> Any:
@@ -209,13 +208,13 @@ class Task(Element):
 class Constraint(Element):
     """Rows that bind; in a level they are met as well as its priority allows.
 
-    Contacts and couplings are tasks too (error, Jacobian, law); what has bounds instead is an ``Inequality``.
+    Contacts and couplings are tasks too (error, Jacobian, law); a constraint with bounds is an ``Inequality``.
     """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inequality(Constraint):
-    """Something kept between bounds: J x lies between what its law makes of the way left to either bound.
+    """Something kept between bounds: J x is limited by a law of the distance to either bound.
 
     A subclass gives ``rows``, ``jacobian``, ``bounds``, and for accelerations and torques ``drift``.  With P, each row
     approaches its bound at gain times the way left, J x <= gain d, a velocity damper; with PD,
@@ -230,32 +229,32 @@ class Inequality(Constraint):
 
     @abstractmethod
     def bounds(self, state: State) -> tuple[ArrayLike, ArrayLike]:
-        """(lower, upper), how far what J moves may still go: ``(m,)`` or a number for all rows, infinite for no bound.
+        """(lower, upper), remaining distance to each bound: ``(m,)`` or a number for all rows, infinite for no bound.
 
-        lower is negative and upper positive inside.  Where the quantity is an effort they bound J x itself [N m].
+        lower is negative and upper positive inside.  For an effort they bound J x itself [N m].
         """
 
     def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
-        """(lower, upper) ``(m,)`` of J x itself for one period dt [s], in place of what a law makes of ``bounds``.
+        """(lower, upper) ``(m,)`` of J x itself for one period dt [s], replacing the law of ``bounds``.
 
         order: 1 where x is a velocity, 2 where it is an acceleration.
         """
         raise NotImplementedError
 
     def bound_kinds(self, state: State, v: Vec, dt: float) -> Sequence[tuple[str, str]]:
-        """What each row's (lower, upper) bound stands for, for explanations; ``""`` for what its name tells.
+        """Meaning of each row's (lower, upper) bound, for explanations; ``""`` if the row's name suffices.
 
-        v: what the joints move at now ``(nv,)``.
+        v: present velocity of the joints ``(nv,)``.
         """
         raise NotImplementedError
 
     def drift(self, state: State) -> Vec:
-        """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
+        """dJ/dt v ``(m,)``; accelerations need it."""
         raise NotImplementedError
 
 
 def phase_names(owner: str, given: object) -> tuple[str, ...]:
-    """The phases of ``when``; raises DeclarationError for what is no name."""
+    """The phases of ``when``; raises DeclarationError for an invalid name."""
     found = (given,) if isinstance(given, str) else given
     if not isinstance(found, (tuple, list)) or not all(isinstance(name, str) and name for name in found):
         raise DeclarationError(owner, "bad when", value=given, allowed="the name of a phase, or several")
@@ -270,7 +269,7 @@ def _plain(value: Any) -> Any:
 
 
 def has(element: Element, function: str) -> bool:
-    """Whether a class of the element defines that function, the base classes of this file aside."""
+    """Return true if a class of the element defines that function, except the base classes of this file."""
     found = getattr(type(element), function, None)
     return found is not None and getattr(found, "__module__", "") != __name__
 

@@ -1,4 +1,4 @@
-"""Control laws: what a task asks for, given its error; gains carry units, nothing depends on dt by accident."""
+"""Control laws: map the error of a task to a demand; gains carry units, nothing depends on dt by accident."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Gain: TypeAlias = "float | tuple[float, ...]"
 
 @dataclass(frozen=True, kw_only=True)
 class Law(ABC):
-    """How an error becomes a demand; order 1 gives velocities, order 2 accelerations.
+    """Map from error to demand; order 1 gives velocities, order 2 accelerations.
 
     max_velocity [unit/s] and max_acceleration [unit/s^2] bound the norm of the feedback, never the feedforward.
     """
@@ -30,7 +30,7 @@ class Law(ABC):
 
     @abstractmethod
     def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
-        """What J x should be ``(m,)``, for an error and the reference's velocity and acceleration ``(m,)``.
+        """Demand on J x ``(m,)``, from an error and the reference's velocity and acceleration ``(m,)``.
 
         speed: J v.  drift: dJ/dt v.  each: saturate every row by itself, not the norm over all.
         """
@@ -115,7 +115,7 @@ class PD(Law):
 
 @dataclass(frozen=True)
 class SelfMotion(Law):
-    """Posture law in what the levels above leave free, with V = E^T E / 2 as Lyapunov function (Sentis 2012, eq. 40).
+    """Posture law in the null space of the levels above, with V = E^T E / 2 as Lyapunov function (Sentis 2012, eq. 40).
 
     y = -kp e - kv qd,  E = Phi y,  v = (ke E - kp qd + dPhi/dt y) / kv   with Phi the orthogonal projector onto the
     posture velocities that move no task above, and the sign of dPhi/dt of eq. (41) right: dV/dt = -ke E^T E.
@@ -146,9 +146,9 @@ class SelfMotion(Law):
 class DCM(Law):
     """Feedback of the divergent component of motion xi = c + dc/dt / omega, for a Balance.
 
-    The ZMP that is asked for is z_ref + (1 + k / omega) (xi - xi_ref): where the support reaches it, the error of xi
-    falls as exp(-k t) (Englsberger, Ott, Albu-Schaeffer 2015, eq. 16).  k [1/s].  Raises DeclarationError for a k that
-    is negative or not finite.
+    It requests the ZMP z_ref + (1 + k / omega) (xi - xi_ref): if the support contains it, the error of xi falls as
+    exp(-k t) (Englsberger, Ott, Albu-Schaeffer 2015, eq. 16).  k [1/s].  Raises DeclarationError for a k that is
+    negative or not finite.
     """
 
     k: float = 3.0
@@ -162,7 +162,7 @@ class DCM(Law):
             raise DeclarationError("DCM", "allows no saturation: the support polygon bounds the ZMP")
 
     def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
-        """a - dJ/dt v ``(m,)``: the error of a Balance is minus the acceleration that it asks for."""
+        """a - dJ/dt v ``(m,)``: the error of a Balance is minus its requested acceleration."""
         return feedforward - error - drift
 
 
@@ -171,7 +171,7 @@ LAWS: dict[str, type[Law]] = {"P": P, "PD": PD, "SelfMotion": SelfMotion, "DCM":
 
 
 def pace(law: Law) -> Vec:
-    """How fast a P or a PD is, of each row or of all [1/s]: gain, or max(sqrt(kp), kd/2)."""
+    """Rate of a P or a PD, per row or for all rows [1/s]: gain, or max(sqrt(kp), kd/2)."""
     if isinstance(law, P):
         return np.asarray(law.gain, dtype=np.float64)
     assert isinstance(law, PD)

@@ -1,4 +1,4 @@
-"""What a native operation needs of an element: one typed class an operation, read by name in cpp/rows.
+"""Arguments of native operations: one typed class an operation, read by name in cpp/rows.
 
 An element's ``plan(robot)`` returns one of these, with names resolved and live arrays in place.  The operation writes
 the rows that the element's readable functions give; tests compare the two.
@@ -23,7 +23,7 @@ class _Counted:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
+        """Shape of the reference's value."""
         return (len(getattr(self, self.counted)),)
 
 
@@ -117,7 +117,7 @@ class Wheel:
 
 @dataclass(frozen=True, eq=False)
 class Com(_Counted):
-    """Centre of mass of what body ``part`` carries, itself included, along ``axes``; reference ``(k,)``."""
+    """Centre of mass of the subtree of body ``part`` along ``axes``; reference ``(k,)``."""
 
     counted = "axes"
     relative_to: RelativeFrame | None
@@ -159,7 +159,7 @@ class Coupling:
 
 @dataclass(frozen=True, eq=False)
 class JointBox:
-    """Bounds of joints as JointLimits has them, infinite where there are none; no reference."""
+    """Bounds of joints for JointLimits, infinite if unlimited; no reference."""
 
     joints: Joints
     low: tuple[float, ...]
@@ -229,7 +229,7 @@ class Frozen:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
+        """Shape of the reference's value."""
         return self.joints.shape
 
 
@@ -256,7 +256,7 @@ class Apart:
 
 @dataclass(frozen=True, eq=False)
 class Manipulability:
-    """Of the ``picked`` rows of a frame's Jacobian in the coordinates ``joints``; reference ``(1,)``."""
+    """Manipulability of the ``picked`` rows of a frame's Jacobian in the coordinates ``joints``; reference ``(1,)``."""
 
     frame: Frame
     picked: tuple[int, ...]
@@ -266,7 +266,7 @@ class Manipulability:
 
 @dataclass(frozen=True, eq=False)
 class HoldingTorque(_Counted):
-    """Of the joints ``columns``, over their limits; reference ``(k,)``.  gravity: ``(3,)`` [m/s^2]."""
+    """Holding torque of the joints ``columns``, over their limits; reference ``(k,)``.  gravity: ``(3,)`` [m/s^2]."""
 
     counted = "columns"
     columns: tuple[int, ...]
@@ -276,7 +276,7 @@ class HoldingTorque(_Counted):
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """As Pointing, with bounds on the angle; reference ``(3, 3)`` with its velocity and acceleration."""
+    """Pointing with bounds on the angle; reference ``(3, 3)`` with its velocity and acceleration."""
 
     frame: Frame
     axis: tuple[float, ...]
@@ -294,7 +294,7 @@ class Cone:
 class Within:
     """Bounds ``(m,)`` on the value of a task, on its rate where ``rates``; reference as of the task.
 
-    turn: first of three rows that are a rotation vector, -1 where there are none.
+    turn: first of three rows that are a rotation vector, -1 without such rows.
     """
 
     task: Plan
@@ -308,7 +308,7 @@ class Within:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
+        """Shape of the reference's value."""
         return self.task.shape if self.turn >= 0 else (len(self.lower),)
 
 
@@ -331,9 +331,9 @@ class SupportPolygon:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """Points of frames that the ZMP stays between, gain k, height of the pendulum (0: as it is), gravity [m/s^2].
+    """Points of frames that the ZMP stays between, gain k, height of the pendulum (0: the height in the state).
 
-    The reference is ZMP and DCM ``(4,)``.  of: as of SupportPolygon.
+    The reference is ZMP and DCM ``(4,)``.  of: see SupportPolygon.
     """
 
     points: tuple[tuple[Frame, tuple[float, ...]], ...]
@@ -366,7 +366,7 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class ExternalWrench:
-    """Force and moment on a frame ``(6,)``, in its axes with local; resisted: whether the robot holds against it."""
+    """Force and moment on a frame ``(6,)``, in its axes with local; resisted: true if the robot compensates it."""
 
     frame: Frame
     local: bool
@@ -378,7 +378,7 @@ class ExternalWrench:
 class KineticEnergy(_Counted):
     """L^T of the joint-space inertia L L^T ``(nv, nv)``; the reference, zero, is not read.
 
-    inertias: as in Momentum.  rotors: reflected rotor inertia of each tangent coordinate.
+    inertias: see Momentum.  rotors: reflected rotor inertia of each tangent coordinate.
     """
 
     counted = "rotors"
@@ -406,7 +406,7 @@ def relative_frame(robot: Robot, name: str | None, heading: bool, upright: float
 
 
 def apart(own: Frame, other: RelativeFrame | None) -> tuple[Frame, RelativeFrame | None]:
-    """The same without the coordinates that carry both: they move nothing relative, unless only a heading turns."""
+    """Both frames without the coordinates that carry both: they move nothing relative, unless only a heading turns."""
     if other is None or other.heading:
         return own, other
     shared = {*own.columns} & {*other.frame.columns}

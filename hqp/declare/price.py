@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hqp.solvers.base import Solver
 
 LONGEST_TAU = {1: 0.05, 2: 0.1}
-"""tau [s] of a level by the order of its laws, where no gain asks for less."""
+"""Default tau [s] of a level by the order of its laws; a gain may lower it."""
 
 REST_TIME = math.sqrt(2.0)
 """At order 2 the motion that costs nothing comes to rest at the rate 1 / (REST_TIME tau).
@@ -31,8 +31,8 @@ A limb of two equal links that a target beyond its reach pulls straight is an os
 and this damps it to 0.7 of critical."""
 
 TURNING = {1: 0.7, 2: 1000.0}
-"""[rad^4/s^3, rad^4/s^6 by the order of the laws] what lies below an unmet level pays for speed, as t_k = dt^order /
-(TURNING eta c_k^2 L_k^2).
+"""[rad^4/s^3, rad^4/s^6 by the order of the laws] price of speed below an unmet level, t_k = dt^order / (TURNING eta
+c_k^2 L_k^2).
 
 The motion of a posture turns the rows of the level above it: the more that level misses, the slower the posture has to
 be.  In proportion to omega^2, so that a level that comes to be unmet by next to nothing stops nobody at once."""
@@ -46,7 +46,7 @@ GAIN_TIME = 0.1
 
 @dataclass(frozen=True)
 class Price:
-    """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
+    """Price of motion of a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
 
     tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
     the tick: min(0.05, 0.1 / gain) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
@@ -77,13 +77,13 @@ def as_price(owner: str, value: object) -> Price | None:
 
 
 def is_exact(price: Price | None) -> bool:
-    """Whether levels with that price are the exact problem."""
+    """Return true if levels with that price are exact."""
     return price is not None and price.tau == 0.0
 
 
 @dataclass(frozen=True)
 class LevelPrices:
-    """What the motion of a hierarchy costs: c_k and t_k of every level, E(x) = 1/2 ||S (xdot - f)||^2.
+    """Prices of motion of a hierarchy: c_k and t_k of every level, E(x) = 1/2 ||S (xdot - f)||^2.
 
     values, turning: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
     at which the motion that costs nothing comes to rest; 0 for velocities.
@@ -96,7 +96,7 @@ class LevelPrices:
 
 
 class Group(Protocol):
-    """Elements that become one level of the hierarchy; tasks: whether they may have a price."""
+    """Elements that become one level of the hierarchy; tasks: true if they may have a price."""
 
     @property
     def elements(self) -> tuple[Element, ...]: ...
@@ -108,10 +108,10 @@ class Group(Protocol):
 
 @dataclass(frozen=True)
 class Sizes:
-    """The scales of a robot: length [m], mass [kg], and what one unit of each tangent coordinate counts as motion.
+    """The scales of a robot: length [m], mass [kg], and motion per unit of each tangent coordinate.
 
-    length: the longest lever of any turning joint on any frame at home, 1 where there is none.  units: 1 for angles,
-    1/length for lengths, radius/length for the turn of a wheel, which counts by the way it rolls.
+    length: the longest lever of any revolute joint on any frame at home, 1 without one.  units: 1 for angles, 1/length
+    for lengths, radius/length for the turn of a wheel, which counts by the way it rolls.
     """
 
     length: float
@@ -175,14 +175,15 @@ def row_scales(element: Element, robot: Robot, sizes: Sizes) -> Iterator[float]:
 
 
 def longest_column(element: Element, robot: Robot, sizes: Sizes) -> float:
-    """Of the Jacobian at home; raises DeclarationError, which names the element, where it has none that is usable."""
+    """Longest column of the Jacobian at home; raises DeclarationError, which names the element, where it has none that
+    is usable."""
     jacobian = getattr(element, "jacobian", None)
     if jacobian is None:
         return 0.0
     try:
         J = np.asarray(jacobian(robot.copy().state()), dtype=np.float64)
         found = float((np.sqrt(np.square(J).sum(axis=0)) / sizes.scale).max(initial=0.0))
-    except Exception as error:  # whatever an element of the user's does
+    except Exception as error:  # errors of a user's element
         why = f"no Jacobian at home: {type(error).__name__}: {error}"
         raise DeclarationError(element.name, why) from error
     if not found < math.inf:
@@ -239,7 +240,7 @@ def level_prices(
 
 
 def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:
-    """The price to compile a stack with for a solver, and what had to be dropped, in words.
+    """Price to compile a stack with for a solver, and a note on dropped prices.
 
     Only lexicographic and reference solve priced levels; for the others every level is exact.  Raises
     UnsupportedProblem where a declared price is beyond the solver.

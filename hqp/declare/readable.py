@@ -29,7 +29,7 @@ class Views:
 
 
 class Readable:
-    """Calls value, error, jacobian and drift, or jacobian, bounds and drift, and writes what they return.
+    """Calls value, error, jacobian and drift, or jacobian, bounds and drift, and writes the results.
 
     order: 1 where x is a velocity, 2 where it is an acceleration.  dt: control period [s].
     Raises DeclarationError for a drift that is missing.
@@ -40,9 +40,7 @@ class Readable:
         self._out, self._order, self._dt = out, order, dt
         self._final = has(element, "step_bounds")
         self._drifts = order == 2 and not self._final
-        inner = (
-            getattr(element, "task", None) if self._final else None
-        )  # of a Within, which needs the drift of its task
+        inner = getattr(element, "task", None) if self._final else None  # a Within needs the drift of its task
         if not isinstance(element, (Task, Inequality)):
             raise element.invalid(
                 "has no rows on the robot's motion", type(element).__name__, "a Task or an Inequality"
@@ -95,7 +93,7 @@ class Readable:
             self._put("drift", out.drift, element.drift(state, *normal))
 
     def _put(self, what: str, into: Mat, values: Any) -> None:
-        """Write values of the right shape; those of a single row may lack its dimension."""
+        """Write values of the right shape; values of a single row may lack its dimension."""
         given = values.shape if type(values) is np.ndarray else np.shape(values)  # np.shape alone costs 0.2 us
         if given not in self._shapes[what]:
             raise DeclarationError(self._element.name, f"{what} has shape {given}", allowed=f"shape {into.shape}")
@@ -117,7 +115,7 @@ def _moving(reference: Reference) -> dict[str, Vec]:
 
 
 class Plane:
-    """The plane through a grounded element's reference; where only the normal changes, it is tilted about the element.
+    """The plane through a grounded element's reference; a change of the normal alone tilts it about the element.
 
     After rolling away from the reference another normal through it would put a wheel far off its plane, so the
     distance to the plane is kept.  A normal that is not finite leaves the plane as it was.

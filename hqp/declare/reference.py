@@ -1,4 +1,4 @@
-"""References: where an element should be at one tick, as a value with velocity and acceleration feedforward."""
+"""References: desired value of an element for one tick, with velocity and acceleration feedforward."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Given: TypeAlias = "ArrayLike | None"
 class Reference:
     """A target for the element of that name, good for one tick.
 
-    value: what ``Element.value`` returns; None keeps the hold value.  velocity, acceleration: ``(k,)``, zero by
-    default.  normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.  load: what the contact was
-    measured to carry [N], see ``loaded``.  remarks: what its source has to say, which becomes notes of the tick.
-    on: whether the element is in this tick, None for what the phase says; see ``Element.off``.
+    value: see ``Element.value``; None keeps the hold value.  velocity, acceleration: ``(k,)``, zero by default.
+    normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.  load: measured load of the contact [N], see
+    ``loaded``.  remarks: remarks of its source, which become notes of the tick.  on: true or false switches the
+    element, None leaves it to the phase; see ``Element.off``.
     """
 
     name: str
@@ -37,14 +37,14 @@ class Reference:
     on: bool | None = None
 
     def loaded(self, load: float) -> Reference:
-        """The same with the measured load of the contact [N]: ``foot.at().loaded(312.0)``.
+        """Return a copy with the measured load of the contact [N]: ``foot.at().loaded(312.0)``.
 
         A contact that carries nothing for a while ends the tick in ``Status.CONTACT_LOST``; NaN is no measurement.
         """
         return Reference(**{**vars(self), "load": float(load)})
 
     def aiming_at(self, value: Vec | Mat | None) -> Reference:
-        """The same with another value."""
+        """Return a copy with another value."""
         return Reference(**{**vars(self), "value": value})
 
     def __init__(
@@ -59,7 +59,7 @@ class Reference:
         remarks: tuple[str, ...] = (),
         on: bool | None = None,
     ) -> None:
-        # past the frozen class's __setattr__, which costs a tick too much; what is not given stays the class's default
+        # past the frozen class's __setattr__, which costs a tick too much; missing fields keep the class's default
         fields = self.__dict__
         fields["name"] = name
         if value is not None:
@@ -81,7 +81,7 @@ class Reference:
 
     @property
     def finite(self) -> bool:
-        """Whether no number is NaN or infinite."""
+        """True if no number is NaN or infinite."""
         for part in (self.value, self.velocity, self.acceleration, self.normal, self.gravity_normal):
             if part is not None:
                 flat = part.ravel()
@@ -94,7 +94,7 @@ _new = object.__new__
 
 
 def target(name: str, value: Vec | Mat) -> Reference:
-    """A reference of a value alone, at two thirds of what ``Reference(name, value)`` costs."""
+    """Make a reference with a value only, at two thirds of the cost of ``Reference(name, value)``."""
     made = _new(Reference)
     fields = made.__dict__
     fields["name"], fields["value"] = name, value
@@ -102,12 +102,12 @@ def target(name: str, value: Vec | Mat) -> Reference:
 
 
 def copied(reference: Reference) -> Reference:
-    """The same with numbers of its own, whatever becomes of the arrays that were given."""
+    """Return a copy with its own arrays."""
     return Reference(**{name: copy(part) for name, part in vars(reference).items()})
 
 
 def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> Vec:
-    """A float64 copy of ``value``, of that shape; raises DeclarationError naming what was given."""
+    """A float64 copy of ``value``, of that shape; raises DeclarationError with the given value."""
     try:
         array = value.copy() if isinstance(value, np.ndarray) and value.dtype is FLOAT else np.array(value, FLOAT)
     except (TypeError, ValueError, OverflowError) as error:

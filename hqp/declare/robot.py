@@ -1,4 +1,4 @@
-"""What tasks, formulations and sessions ask of a robot; hqp.robots holds the implementation on Pinocchio."""
+"""Interface of a robot for tasks, formulations and sessions; hqp.robots holds the implementation on Pinocchio."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Robot(Protocol):
 
     @property
     def floating(self) -> bool:
-        """Whether the first six tangent coordinates are a free base."""
+        """True if the first six tangent coordinates are a free base."""
         ...
 
     @property
@@ -106,22 +106,22 @@ class Robot(Protocol):
 
     @property
     def lower(self) -> Vec:
-        """Lower joint limits ``(nv,)`` [rad or m], -inf where there is none."""
+        """Lower joint limits ``(nv,)`` [rad or m], -inf if unlimited."""
         ...
 
     @property
     def upper(self) -> Vec:
-        """Upper joint limits ``(nv,)`` [rad or m], inf where there is none."""
+        """Upper joint limits ``(nv,)`` [rad or m], inf if unlimited."""
         ...
 
     @property
     def velocity_limit(self) -> Vec:
-        """Speed limits ``(nv,)`` [rad/s or m/s], inf where there is none."""
+        """Speed limits ``(nv,)`` [rad/s or m/s], inf if unlimited."""
         ...
 
     @property
     def effort_limit(self) -> Vec:
-        """Effort limits ``(nv,)`` [N m or N], inf where there is none."""
+        """Effort limits ``(nv,)`` [N m or N], inf if unlimited."""
         ...
 
     @property
@@ -157,7 +157,7 @@ class Robot(Protocol):
 
     @property
     def inertias(self) -> Sequence[tuple[float, ...]]:
-        """Of each of ``bodies``: xx, yy, zz, xy, xz, yz [kg m^2] about its centre of mass, in its axes."""
+        """Inertia of each of ``bodies``: xx, yy, zz, xy, xz, yz [kg m^2] about its centre of mass, in its axes."""
         ...
 
     @property
@@ -175,7 +175,7 @@ class Robot(Protocol):
 
     @property
     def placed_frames(self) -> Sequence[Placed]:
-        """The frames whose ``placement`` was asked for so far."""
+        """Frames whose ``placement`` was used so far."""
         ...
 
     def body(self, frame: int) -> int:
@@ -231,7 +231,7 @@ class Robot(Protocol):
 
     @property
     def spherical(self) -> Mapping[str, tuple[int, float]]:
-        """Ball joints: first tangent coordinate, and the largest turn from the zero [rad], inf where there is none."""
+        """Ball joints: first tangent coordinate, and the largest turn from the zero [rad], inf if unlimited."""
         ...
 
     def difference(self, q0: Vec, q1: Vec) -> Vec:
@@ -239,12 +239,12 @@ class Robot(Protocol):
         ...
 
     def copy(self) -> Robot:
-        """The same robot with data of its own."""
+        """Return a copy of the robot with its own data."""
         ...
 
 
 class State(Protocol):
-    """One (q, v) of a robot; quantities are computed when first asked for, and once."""
+    """One (q, v) of a robot; quantities are computed once, on first access."""
 
     @property
     def robot(self) -> Robot: ...
@@ -262,28 +262,28 @@ class State(Protocol):
     def commanded(self, x: Vec | None) -> None: ...
 
     def command_later(self, x: Callable[[], Vec]) -> None:
-        """``commanded`` as a function, called when it is first asked for."""
+        """Set ``commanded`` as a function, called on first access."""
         ...
 
     loads: tuple[Load, ...]
-    """What the robot carries besides its model, as a torque controller was told: ``com`` and momenta see it."""
+    """Loads that the robot carries besides its model, from a torque controller: ``com`` and momenta see it."""
 
     out: frozenset[str]
     """Names of the elements that are out of the tick of this state, see ``Element.off``."""
 
     @property
     def time(self) -> float | None:
-        """When it was measured [s], on the clock of the session; None where nobody said."""
+        """When it was measured [s], on the clock of the session; None if unknown."""
         ...
 
     @property
     def finite(self) -> bool:
-        """Whether q and v hold neither NaN nor infinities."""
+        """True if q and v are finite."""
         ...
 
     @property
     def valid(self) -> bool:
-        """Whether q and v are finite and every quaternion has length one within 1e-3."""
+        """True if q and v are finite and every quaternion has length one within 1e-3."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""What a session may be given and may send, and how it comes to rest: bounds that a user declares."""
+"""Bounds on the inputs and outputs of a session, and its braking: bounds that a user declares."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ RateLimit = float | Sequence[float] | None
 class StateBounds:
     """Magnitudes beyond which a state is a fault of its source, not a pose of the robot.
 
-    outside [rad or m]: how far a joint may be beyond its position limits.  angle [rad or m]: joints without limits.
-    distance [m]: the free base from the origin.  speed [rad/s or m/s]: of joints and base, or ten times a joint's
-    speed limit where that is more.  Raises DeclarationError for a number that is not positive and finite.
+    outside [rad or m]: allowed distance of a joint beyond its position limits.  angle [rad or m]: joints without
+    limits.  distance [m]: the free base from the origin.  speed [rad/s or m/s]: of joints and base, or ten times a
+    joint's speed limit if that is more.  Raises DeclarationError for a number that is not positive and finite.
     """
 
     outside: float = 2.0 * math.pi
@@ -35,10 +35,10 @@ class RateLimits:
     """Largest change of a command, in normal operation and in every fallback alike; None for no limit.
 
     velocity [rad/s^2 or m/s^2], acceleration [rad/s^3 or m/s^3], torque [N m/s or N/s]: one number, or one a motor in
-    robot.joint_names order, for the formulation of that name.  A command that would change faster goes only as far
-    from the last one towards the new one as the slowest motor allows, so that what is linear in both (contacts that
-    rest) still holds; a note names the motor, and what of ``subject_to`` is off by it.  The limit stands below
-    contact physics: choose it above what contacts need.  Raises DeclarationError for a number that is not positive.
+    robot.joint_names order, for the formulation of that name.  A command that would change faster moves towards the new
+    one only as far as the slowest motor allows, so that linear constraints of both (contacts at rest) still hold; a
+    note names the motor and each violated row of ``subject_to``.  The limit stands below contact physics: choose it
+    above the needs of contacts.  Raises DeclarationError for a number that is not positive.
     """
 
     velocity: RateLimit = None
@@ -60,11 +60,11 @@ class RateLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Braking:
-    """How a command comes to rest while no answer is usable (docs/safety.md).
+    """Way of a command to rest while no solution is usable (docs/safety.md).
 
-    deceleration [rad/s^2 or m/s^2]: of the fastest joint, at velocity and acceleration level; the others keep their
-    proportion to it, so that contacts hold.  damping [s]: time constant of the joint damping beside the holding
-    torque.  Raises DeclarationError for a number that is not positive and finite.
+    deceleration [rad/s^2 or m/s^2]: deceleration of the fastest joint, at velocity and acceleration level; the others
+    keep their proportion to it, so that contacts hold.  damping [s]: time constant of the joint damping beside the
+    holding torque.  Raises DeclarationError for a number that is not positive and finite.
     """
 
     deceleration: float = 50.0

@@ -18,9 +18,9 @@ E = TypeVar("E", bound=Element)
 class Level:
     """Members of one priority.
 
-    price: what motion costs the level where it is out of reach, a Price, 0 for the exact problem, None for the
-    default (docs/calm.md).  when: phases in which its members are in, all for none.  Raises DeclarationError for a
-    member that is no task or constraint, or a bad price.
+    price: price on motion of the level if it is out of reach, a Price, 0 for the exact problem, None for the default
+    (docs/calm.md).  when: phases in which its members are in, all for none.  Raises DeclarationError for a member that
+    is no task or constraint, or a bad price.
     """
 
     __slots__ = ("elements", "name", "price", "when")
@@ -37,7 +37,7 @@ class Level:
         self.when = phase_names(f"level {name or '?'}", when)
 
     def replace(self, *elements: Element, name: str | None = None) -> Level:
-        """The same level with other members."""
+        """Return the level with other members."""
         return Level(*elements, name=self.name if name is None else name, price=self.price, when=self.when)
 
     def __iter__(self) -> Iterator[Element]:
@@ -176,7 +176,7 @@ class Stack:
 def coupled(stack: Stack, robot: Robot) -> Stack:
     """The stack under the robot's own couplings too (mimic joints), but for those it binds already.
 
-    What an element takes from others of the stack is filled in; raises DeclarationError where it is not there.
+    Elements get the data that they take from others of the stack; raises DeclarationError where it is not there.
     """
     members = tuple(stack)
     filled = [new for old in members if (new := old.among(members)) is not old]
@@ -188,7 +188,8 @@ def coupled(stack: Stack, robot: Robot) -> Stack:
 
 
 def _accompanied(stack: Stack, robot: Robot) -> Stack:
-    """The stack with what its elements bring along on that robot, each behind its element, classes it has left out."""
+    """Return the stack with the companions of its elements on that robot, each behind its element, without the classes
+    in its ``left_out``."""
     kinds = {type(element) for element in stack}
 
     def behind(elements: Iterable[Element]) -> list[Element]:

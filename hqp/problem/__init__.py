@@ -1,4 +1,4 @@
-"""What is solved: rows in levels, their prices, and the judge of an answer."""
+"""Problem definition: rows in levels, their prices, and the judge of an answer."""
 
 from __future__ import annotations
 

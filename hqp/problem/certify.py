@@ -4,11 +4,11 @@ At x level k is optimal below the levels above it when (Nocedal and Wright 2006,
 
     A_k' w_k + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,    mu_i >= 0,
 
-where all a_i belong to levels above k: *fixed* rows are equalities, violated inequalities (their optimal slack is
-unique, hence their value is) and rows whose multiplier was positive at a level above; *active* rows are met
-inequalities at a bound, s_i = +1 at upper and -1 at lower.  The gap is the length of what is left of A_k' w_k in
-the null space of the fixed rows once the best mu >= 0 is taken away.  Levels are judged at the same x, so level
-k's verdict means something only if the levels above it pass: all of them are needed.
+with all a_i in levels above k: *fixed* rows are equalities, violated inequalities (their optimal slack is unique, hence
+their value is) and rows whose multiplier was positive at a level above; *active* rows are met inequalities at a bound,
+s_i = +1 at upper and -1 at lower.  The gap is the length of the remainder of A_k' w_k in the null space of the fixed
+rows after subtracting the best mu >= 0.  Levels are judged at the same x, so level k's verdict means something only if
+the levels above it pass: all of them are needed.
 
 Levels with a price, and those below one that is not met, are judged in stages of their own
 (hqp.problem.stage_conditions).
@@ -44,16 +44,15 @@ class Certificate:
 
     gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, least norm) last.  Level k's is the
     projected gradient divided by r_k (r_k + max |w_k| + max_i sum_j |a_ij x_j|), r_k its largest row norm: about the
-    relative error of x in the directions that the level determines well, and blind to the scale of a level; or, where
-    that is more, what ||w_k|| could still fall by along directions that are clear, relative to its terms. Where its
-    rows differ in length by more than 100 (see graded) it is what the step to the best point on the face of the active
-    rows takes away of a row, relative to its length, or the gradient there, divided by the sum of what the rows pull
-    that the face cannot meet: errors in directions that only short rows determine show as well.
-    norms: ``(levels,)``, ||w_k||.  ranks: ``(levels + 1,)``, directions that each level fixed.
-    multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
-    rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made (5e-7 at most): 4e-15
-    times the multipliers, and times the inverse of the shortest direction that they fix; of the completion ROUNDED
-    times its multipliers, if that is more, as rows that are nearly opposed hold it by large ones.
+    relative error of x in the directions that the level determines well, and blind to the scale of a level; or, if that
+    is more, the possible decrease of ||w_k|| along clear directions, relative to its terms. If its rows differ in
+    length by more than 100 (see graded), the gap is the reduction of a row by the step to the best point on the face of
+    the active rows, relative to the row's length, or the gradient there, divided by the sum of the row pulls that the
+    face cannot meet: errors in directions that only short rows determine show as well.  norms: ``(levels,)``, ||w_k||.
+    ranks: ``(levels + 1,)``, directions that each level fixed.  multipliers: per level k ``(m_0 +... + m_k,)``, as in
+    Solution.multipliers.  rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made
+    (5e-7 at most): 4e-15 times the multipliers, and times the inverse of the shortest direction that they fix; for the
+    completion ROUNDED times its multipliers, if that is more, because nearly opposed rows have large ones.
     """
 
     gaps: Vec
@@ -65,7 +64,7 @@ class Certificate:
 
     @property
     def ok(self) -> bool:
-        """Whether every gap is within the tolerance and its rounding."""
+        """Return true if every gap is within the tolerance and its rounding."""
         return bool(np.all(self.gaps <= self.tolerance + self.rounding))
 
     @property
@@ -81,12 +80,12 @@ class Certificate:
 def certificate(
     problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat | None = None, *, settled: bool = False
 ) -> Certificate:
-    """Whether x solves the problem, level by level and completion included.
+    """Check that x solves the problem, level by level and completion included.
 
-    x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its
-    bound a row still counts as active, relative to its terms.  stages: ``(levels, n)``, Solution.stage_points of a
-    priced problem; what it lacks (NaN) is computed by the reference solver, which takes long, or with ``settled``
-    believed to be met for its price by x.  Raises ProblemError for a wrong shape.
+    x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its bound a
+    row still counts as active, relative to its terms.  stages: ``(levels, n)``, Solution.stage_points of a priced
+    problem; missing points (NaN) are computed by the reference solver, which is slow, or with ``settled`` assumed to be
+    met for their price by x.  Raises ProblemError for a wrong shape.
     """
     x = np.asarray(x, dtype=np.float64)
     if x.shape != (problem.n,):
@@ -163,7 +162,8 @@ def _without_rounding_levels(problem: Hierarchy) -> Hierarchy:
 def _verdict(
     problem: Hierarchy, x: Vec, tolerance: float, lock: float, rank: float, stop: int | None
 ) -> tuple[Certificate, bool]:
-    """The certificate under one reading of locks and ranks; whether a rank may be read otherwise."""
+    """The certificate under one reading of locks and ranks; also return true if another reading of a rank is
+    possible."""
     judge = Judge(problem.n, tolerance, lock, rank)
     gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
@@ -176,7 +176,7 @@ def _verdict(
         if longest <= zero:
             longest = 0.0
         scale = longest * (longest + np.abs(w).max(initial=0.0) + sizes.max(initial=0.0))
-        least = NULL_SPACE_ROUNDING * np.maximum(sizes, far * lengths)  # what is less is rounding
+        least = NULL_SPACE_ROUNDING * np.maximum(sizes, far * lengths)  # rounding, if less
         missed = np.where(np.abs(w) > least, w, 0.0)
         if is_graded(lengths, zero) and np.any(missed):
             gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x)

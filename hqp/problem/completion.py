@@ -1,4 +1,4 @@
-"""What chooses among the optima of all levels, written as levels: metric and origin, then least norm."""
+"""Tie-breaking among the optima of all levels, written as levels: metric and origin, then least norm."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from hqp.tolerances import METRIC_TOLERANCE
 def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
     """F ``(n, n)`` with F' F = metric, by pivoted Cholesky; zero rows where the metric is singular.
 
-    metric: ``(n, n)`` symmetric positive semidefinite; what rounding makes indefinite below the tolerance is cut.
+    metric: ``(n, n)`` symmetric positive semidefinite; indefinite parts below the tolerance, which come from rounding,
+    are cut.
     """
     from scipy.linalg import get_lapack_funcs  # heavy, and most stacks have no metric
 
@@ -26,7 +27,7 @@ def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
 
 
 def completion(problem: Hierarchy) -> tuple[Rows, ...]:
-    """Levels of n rows that, below those of the problem, say its completion: metric about origin, least norm."""
+    """Levels of n rows for the completion, below the levels of the problem: metric about origin, least norm."""
     n, origin = problem.n, problem.origin
     if problem.metric is None:
         return (_identity(np.zeros(n) if origin is None else origin),)

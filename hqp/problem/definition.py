@@ -7,9 +7,9 @@ least squares, Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r
 degenerate vertices too.  The step goes to the minimiser on the face that -r stays on, the shortest where T is flat.
 Rows of T may differ in length as they like: residuals and steps are those of hqp.problem.graded.
 
-A level with a price is min ||w|| + c (E + R) (hqp.problem.pricing): min 1/2 ||w||^2 + m c (E + R) with the m at which
-m = ||w||, found on log m.  Inequality rows a x, and rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard
-rows a x - |a| s with what s costs to pay, so that short rows keep their rounding and give may be 1e-12.
+A level with a price is min ||w|| + c (E + R) (hqp.problem.pricing): min 1/2 ||w||^2 + m c (E + R) with the m at which m
+= ||w||, found on log m.  Inequality rows a x, and rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard
+rows a x - |a| s with a cost on s, so that short rows keep their rounding and give may be 1e-12.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Limits:
 
 
 def solve_level(rows: Rows, above: Above, x: Vec, price: float, at: Coordinates, limits: Limits | None = None) -> Vec:
-    """The stage point of one level below what the levels above handed down, from a point x of S."""
+    """Compute the stage point of one level under the rows from the levels above, starting at a point x of S."""
     return Levels(Hierarchy((rows,), n=x.size), limits or Limits(), at).level(rows, above, x, price)
 
 
@@ -181,7 +181,7 @@ def _root(unmet: Callable[[float], float], least: float) -> float | None:
 
 
 class _Effort:
-    """How many factorisations are left."""
+    """Number of factorisations left."""
 
     __slots__ = ("left",)
 
@@ -190,15 +190,15 @@ class _Effort:
 
     @property
     def spent(self) -> bool:
-        """Whether none is."""
+        """Return true if none is left."""
         return self.left <= 0
 
 
 class _Program:
     """min ||T v - t||^2 over lower <= C v <= upper, from a point of that set.
 
-    T's rows may differ in length as they like (hqp.problem.graded); of one that adds a direction more than ``least``
-    of its length is left.
+    T's rows may differ in length as they like (hqp.problem.graded); a row that adds a direction keeps more than
+    ``least`` of its length.
     """
 
     def __init__(self, T: Mat, t: Vec, C: Mat, lower: Vec, upper: Vec, slacks: int, least: float) -> None:
@@ -243,7 +243,8 @@ class _Program:
 
     def _descent(self, v: Vec, w: Vec) -> tuple[Vec, Mask, float, float]:
         """The steepest feasible direction at the best point on the face of all active rows, the step there where that
-        is zero; which rows it stays on, its length relative to the terms, and what the step takes of a row."""
+        is zero; also the rows that it stays on, its length relative to the terms, and the reduction of each row by the
+        step."""
         side = self._sides(v)
         active = np.flatnonzero(side)
         cone = side[active, None] * self.C[active] @ self.Z
@@ -287,7 +288,7 @@ class _Program:
         return np.asarray(v + min(best, self._room(v, direction, held & along)[0]) * direction), False
 
     def _room(self, v: Vec, step: Vec, held: Mask) -> tuple[float, int]:
-        """How many times the step fits, and the row in the way, -1 for none."""
+        """Return how many times the step fits, and the blocking row, -1 if there is none."""
         value, rate = self.C @ v, self.C @ step
         rate[held | self.equal] = 0.0
         floor = HELD * float(np.abs(step).max(initial=0.0))
@@ -298,7 +299,7 @@ class _Program:
 
 
 def _null_space(A: Mat) -> Mat:
-    """An orthonormal basis ``(n, r)`` of what rows of unit length leave."""
+    """Orthonormal basis ``(n, r)`` of the null space of rows of unit length."""
     _, sigma, Vt = np.linalg.svd(A, full_matrices=True)
     return np.asarray(Vt[int(np.count_nonzero(sigma > DEPENDENT)) :].T)
 

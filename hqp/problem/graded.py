@@ -1,9 +1,9 @@
-"""What a level pulls whose rows differ in length: rounding of long rows must not hide the short ones.
+"""Gradient of a level whose rows differ in length: rounding of long rows must not hide the short ones.
 
-A slack of 1e-10, which is rounding of a row of 1e6, pulls by 1e-4: as hard as a row of 1 that misses by 1e-4.
+A slack of 1e-10, which is rounding of a row of 1e6, pulls by 1e-4: as much as a row of 1 with a slack of 1e-4.
 Householder with column pivoting over rows from the longest to the shortest is stable row by row (Cox and Higham 1998):
-in its coordinates what a step can meet stands in rows of its own. They say what the step takes away, the other rows
-what the level pulls after it.
+in its coordinates the residual that a step can remove has rows of its own. These rows give the reduction by the step,
+the other rows the gradient after it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hqp.tolerances import FLAT_ROW, GRADED_ROWS, NULL_SPACE_ROUNDING
 
 
 def is_graded(lengths: Vec, zero: float) -> bool:
-    """Whether some row is so much shorter than the longest; rows up to ``zero`` are none."""
+    """Return true if some row is much shorter than the longest; rows up to ``zero`` do not count."""
     return bool(np.any((lengths > zero) & (lengths < GRADED_ROWS * lengths.max(initial=0.0))))
 
 
@@ -35,8 +35,8 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, tolerance:
     """along' w after the step that is best for ||w||, w = slack + face step.
 
     face: ``(m, f)`` rows in coordinates of the face of all active rows; along: ``(m, k)`` in those of the active rows;
-    slack, lengths: ``(m,)``; sizes: ``(m,)``, what errors of the rows are relative to.  A term is what the row pulls
-    and what it would pull, had it missed by its size, and rounding of either over tolerance.
+    slack, lengths: ``(m,)``; sizes: ``(m,)``, sizes that errors of the rows are relative to.  A term is the pull of the
+    row, plus its pull for a slack of its size, plus rounding of either over the tolerance.
     """
     T, order, _, rank = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW)
     taken = np.abs(T[:rank, -1]) / sizes[order[:rank]]
@@ -47,7 +47,8 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, tolerance:
 
 
 def best_step(face: Mat, slack: Vec, lengths: Vec, least: float = FLAT_ROW) -> Vec:
-    """argmin ||slack + face step||, the shortest of them, ``(f,)``; least: of a row's length, what adds a direction."""
+    """argmin ||slack + face step||, the shortest of them, ``(f,)``; least: share of a row's length above which it adds
+    a direction."""
     T, _, columns, rank = _sorted(face, slack[:, None], lengths, least)
     found = np.zeros(face.shape[1])
     if rank:

@@ -17,7 +17,7 @@ EQUALITY = 2
 """Mark of an equality row in ``Solution.active``."""
 
 ETA = 1e-4
-"""Of an unmet priced level: by how much of its ||w_a|| a unit of force of the levels below moves its rows."""
+"""For an unmet priced level: fraction of ||w_a|| by which a unit of force of the levels below moves its rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,7 @@ class Selection:
         return self.scale * x[self.index]
 
     def dense(self, n: int) -> Mat:
-        """The same rows as a matrix ``(m, n)``."""
+        """Return the rows as a matrix ``(m, n)``."""
         A = np.zeros((self.index.size, n))
         A[np.arange(self.index.size), self.index] = self.scale
         return A
@@ -102,7 +102,7 @@ class Rows:
 
     @property
     def equality(self) -> Mask:
-        """Which rows are equalities now, ``(m,)``."""
+        """Mask of rows that are equalities now, ``(m,)``."""
         return np.asarray(self.lower == self.upper)
 
     def dense(self, n: int) -> Mat:
@@ -115,7 +115,7 @@ class Rows:
         return np.asarray(value - np.minimum(np.maximum(value, self.lower), self.upper))
 
     def copy(self) -> Rows:
-        """The same rows in arrays of their own."""
+        """Return a copy with its own arrays."""
         A = Selection(self.A.index.copy(), self.A.scale.copy()) if isinstance(self.A, Selection) else self.A.copy()
         return Rows(A, self.lower.copy(), self.upper.copy())
 
@@ -124,9 +124,9 @@ class Rows:
 class Motion:
     """E(x) = 1/2 ||F x - f||^2, the motion that priced levels pay for.
 
-    F: ``(r, n)``, or ``(n,)`` positive numbers for a diagonal matrix.  f: ``(r,)``, zero by default.  Where F leaves
-    directions free, E is flat along them.  Arrays that are float64 already are kept, so that a caller may refill them.
-    Raises ProblemError for shapes that disagree, numbers that are not finite, a diagonal that is not positive.
+    F: ``(r, n)``, or ``(n,)`` positive numbers for a diagonal matrix.  f: ``(r,)``, zero by default.  E is flat along
+    directions that F leaves free.  Arrays that are float64 already are kept, so that a caller may refill them.  Raises
+    ProblemError for shapes that disagree, numbers that are not finite, a diagonal that is not positive.
     """
 
     F: Mat | Vec
@@ -160,15 +160,15 @@ class Motion:
         return np.asarray(self.F * moved if self.F.ndim == 1 else moved @ self.F)
 
     def copy(self) -> Motion:
-        """The same motion in arrays of its own."""
+        """Return a copy with its own arrays."""
         return Motion(self.F.copy(), None if self.f is None else self.f.copy())
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What a workspace is made for: n variables, rows a level, which are selections, and the extras.
+    """Dimensions of a workspace: n variables, rows a level, which are selections, and the extras.
 
-    priced: whether each level may have a price, empty where none has.
+    priced: one flag per level that may have a price, empty if none has.
     """
 
     n: int
@@ -197,10 +197,10 @@ class Stacked:
 class Hierarchy:
     """lexmin(||w_0||, ..., ||w_p||) over x, then min (x - origin)' metric (x - origin), ties: least ||x||.
 
-    levels: first is most important; the slack norm is the plain 2-norm of the rows as given.
-    constraints: how many leading levels are meant to hold exactly.  metric: ``(n, n)`` symmetric positive
-    semidefinite, the identity by default.  origin: ``(n,)``, zero by default.  n: number of variables,
-    needed only where no dense level, metric or origin tells it.
+    levels: first is most important; the slack norm is the plain 2-norm of the rows as given.  constraints: number of
+    leading levels that must hold exactly.  metric: ``(n, n)`` symmetric positive semidefinite, the identity by default.
+    origin: ``(n,)``, zero by default.  n: number of variables, needed only if no dense level, metric or origin
+    determines it.
 
     prices: ``(levels,)`` c_k [unit of w / unit of E], 0 for a level without a price.  None: no prices.
     motion: E, 1/2 ||x||^2 by default.  eta: above 0.  turning: ``(levels,)`` t_k, zeros by default.  With them
@@ -208,11 +208,10 @@ class Hierarchy:
         x_k = argmin ||w_k|| + c_k E(x) + R_k(x)  where c_k > 0,   argmin 1/2 ||w_k||^2 + R_k(x)  elsewhere,
         R_k(x) = 1/2 sum_a ||A_a (x - x_a)||^2 / (eta ||w_a||) + t_a ||w_a||^2 sum_j d_aj^2 (F (x - x_a))_j^2,
 
-    over the points that the levels above leave; a runs over the priced levels above that are not met, which leave
-    no equalities but R (see pricing; docs/calm.md has the reasons).  Where all are met R = 0, and x is the
-    answer without prices.
-    Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite, prices
-    or turning that are negative or not finite, an eta that is not positive.
+    over the points that the levels above leave; a runs over the priced levels above that are not met, which leave no
+    equalities but R (see pricing; docs/calm.md has the reasons).  If all are met, R = 0, and x is the solution without
+    prices.  Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite,
+    prices or turning that are negative or not finite, an eta that is not positive.
     """
 
     levels: tuple[Rows, ...]
@@ -227,7 +226,7 @@ class Hierarchy:
     turning: Vec | None = None
 
     def __str__(self) -> str:
-        """How many variables, and of each level how many rows of which kind."""
+        """Number of variables, and number and kind of rows of each level."""
         lines = [f"hierarchy of {self.n} variables"]
         for k, rows in enumerate(self.levels):
             equal = int(np.sum(rows.equality))
@@ -313,7 +312,7 @@ class Hierarchy:
 
     @property
     def shape(self) -> Shape:
-        """What a workspace for this problem must hold; ``inequalities`` as the bounds stand now."""
+        """Dimensions of a workspace for this problem; ``inequalities`` as the bounds stand now."""
         return Shape(
             self.n,
             tuple(rows.m for rows in self.levels),
@@ -326,7 +325,7 @@ class Hierarchy:
 
     @property
     def priced(self) -> tuple[bool, ...]:
-        """Which levels have a price, ``()`` if none has."""
+        """Flags of levels with a price, ``()`` if none has one."""
         return () if self.prices is None or not self.prices.any() else tuple(bool(c > 0.0) for c in self.prices)
 
     def check_prices(self, priced: tuple[bool, ...]) -> None:
@@ -343,7 +342,7 @@ class Hierarchy:
 
     @property
     def readable(self) -> bool:
-        """Whether native code can read every array where it is; a copy is readable."""
+        """Return true if native code can read every array in place; a copy is readable."""
         return all(map(is_readable, self._arrays()))
 
     def _arrays(self) -> Iterator[Mat]:
@@ -356,7 +355,7 @@ class Hierarchy:
                 yield array
 
     def exact(self) -> Hierarchy:
-        """The same hierarchy without prices; the arrays are shared."""
+        """Return the hierarchy without prices; the arrays are shared."""
         return replace(self, prices=None, motion=None, eta=ETA, turning=None)
 
     def slacks(self, x: Vec) -> tuple[Vec, ...]:
@@ -381,7 +380,8 @@ class Hierarchy:
         return x
 
     def better(self, x: Vec, last: Vec) -> Vec:
-        """Of x and of ``last`` moved into the bounds of ``boxed``, the lexicographically better one; x where they tie.
+        """Return the lexicographically better of x and ``last``, clipped into the bounds of ``boxed``; x where they
+        tie.
 
         The first level decides whose norms differ by more than VIOLATION_TOLERANCE, relative to 1 + the smaller.
         """
@@ -393,7 +393,7 @@ class Hierarchy:
         return x
 
     def copy(self) -> Hierarchy:
-        """The same problem in arrays of its own, free of any session's buffers."""
+        """Return a copy with its own arrays, free of any session's buffers."""
         return replace(
             self,
             levels=tuple(rows.copy() for rows in self.levels),
@@ -407,7 +407,7 @@ class Hierarchy:
 
 
 class Status(enum.Enum):
-    """How a solve or a tick ended; each member says what may be the cause and what to do, later members are worse."""
+    """Status of a solve or a tick; each member names a likely cause and a remedy, later members are worse."""
 
     OPTIMAL = "solved: each level has the least violation that the levels above and its price on motion allow"
     RANK_UNCERTAIN = (
@@ -454,7 +454,7 @@ class Status(enum.Enum):
 
     @property
     def cut(self) -> bool:
-        """Whether the search was stopped: x is the better of its point and of the last answer."""
+        """True if the search was stopped: x is the better of its point and of the last answer."""
         return self in (Status.ITERATION_LIMIT, Status.TIME_LIMIT)
 
     @property
@@ -464,17 +464,17 @@ class Status(enum.Enum):
 
     @property
     def solved(self) -> bool:
-        """Whether the answer is the problem's optimum (its constraints may still be violated)."""
+        """True if the solution is the problem's optimum (its constraints may still be violated)."""
         return self in _SOLVED
 
     @property
     def usable(self) -> bool:
-        """Whether the answer may be carried out and become the safe command of a session."""
+        """True if the solution may be sent and become the safe command of a session."""
         return self.severity < _SEVERITY[Status.NOT_CERTIFIED]
 
     @staticmethod
     def worst(*statuses: Status) -> Status:
-        """The most severe of the given ones, OPTIMAL if there is none."""
+        """Return the most severe of the given statuses, OPTIMAL for no argument."""
         return max(statuses, key=lambda s: s.severity, default=Status.OPTIMAL)
 
 
@@ -494,14 +494,13 @@ class Stats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """What a solver returns; owns its arrays.
+    """Result of a solver; owns its arrays.
 
-    x: ``(n,)``.  residuals: the slack w_k of each level, ``(m_k,)``, computed from (problem, x).
-    active: per level ``(m_k,)`` int8, -1 at or below lower, +1 at or above upper, 0 free, 2 equality.
-    multipliers: where the solver was asked for them, per level k ``(m_0 + ... + m_k,)`` with
-    sum_j A_j' lambda_kj = 0, lambda_kk = w_k, lambda_kj >= 0 at upper and <= 0 at lower sides.
-    stage_points: ``(levels, n)``, the optimum x_k of each priced level in its own stage (NaN where it was not needed:
-    the level has no price, or is met for its price by x), None for an answer without prices.
+    x: ``(n,)``.  residuals: the slack w_k of each level, ``(m_k,)``, computed from (problem, x).  active: per level
+    ``(m_k,)`` int8, -1 at or below lower, +1 at or above upper, 0 free, 2 equality.  multipliers: if requested from the
+    solver, per level k ``(m_0 + ... + m_k,)`` with sum_j A_j' lambda_kj = 0, lambda_kk = w_k, lambda_kj >= 0 at upper
+    and <= 0 at lower sides.  stage_points: ``(levels, n)``, the optimum x_k of each priced level in its own stage (NaN
+    where it was not needed: the level has no price, or is met for its price by x), None for an answer without prices.
     """
 
     x: Vec
@@ -526,13 +525,13 @@ class Solution:
         return np.array([float(np.sqrt(w @ w)) for w in self.residuals])
 
     def __str__(self) -> str:
-        """Status, ||w_k|| of each level, and what the solver says besides."""
+        """Status, ||w_k|| of each level, and the solver's detail."""
         norms = ", ".join(f"{norm:.3g}" for norm in self.norms)
         return f"{self.status.name}; ||w|| {norms}" + (f"; {self.detail}" if self.detail else "")
 
 
 def has_inequalities(rows: Rows) -> bool:
-    """Whether any row is neither an equality nor left out."""
+    """Return true if any row is an inequality that is not left out."""
     return bool(np.any((rows.lower != rows.upper) & ((rows.lower > -np.inf) | (rows.upper < np.inf))))
 
 

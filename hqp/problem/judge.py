@@ -1,4 +1,4 @@
-"""What the levels above leave to a level whose optimum is judged: the null space of fixed rows, the cone of others."""
+"""Feasible directions of a level below the levels above: the null space of fixed rows, the cone of others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from hqp.tolerances import (
 
 
 class Judge:
-    """What the levels above leave: a basis Z of the null space of fixed rows, and the active rows' cone."""
+    """Feasible directions below the levels above: a basis Z of the null space of fixed rows, and the active rows'
+    cone."""
 
     def __init__(self, n: int, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
         self.tolerance, self.lock, self.rank = tolerance, lock, rank
@@ -37,7 +38,7 @@ class Judge:
 
     @property
     def choice_rounding(self) -> float:
-        """What rounding of rows that are products may have made of the gap of a choice that they hold.
+        """Bound on the gap of a tie-break from rounding of the rows that hold it.
 
         Rows that are nearly opposed hold it by large multipliers.
         """
@@ -45,11 +46,11 @@ class Judge:
 
     @property
     def rounding(self) -> float:
-        """What rounding of the rows, those that were fixed and those with a multiplier, may have made of the gap."""
+        """Bound on the gap from rounding of the fixed rows and the rows with a multiplier."""
         return min(NULL_SPACE_ROUNDING * (1.0 / self.shortest + self._forces), LARGEST_ROUNDING)
 
     def judge_graded(self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec) -> tuple[float, Vec]:
-        """The same of A' slack where rows of the level differ in length; lengths: zero for a row that counts as none.
+        """Judge A' slack if rows of the level differ in length; lengths: zero for a row that counts as none.
 
         The level's own inequalities within a step that does not count of a bound have a multiplier like the rows above.
         """
@@ -71,11 +72,11 @@ class Judge:
         return max(gap, found.taken), shares
 
     def fall(self, A: Mat, slack: Vec, sizes: Vec, asked: Mask, x: Vec) -> float:
-        """What ||w|| could still fall by, along clear directions on the face of the active rows, relative to its terms.
+        """Return the possible decrease of ||w|| along clear directions on the face of the active rows, relative to its
+        terms.
 
-        Beyond what rounding and the tolerance make of a row of the level's length; a gradient says little where the
-        rows are short in the null space of those above.
-        asked: rows that are equalities or violated.  sizes: their terms.
+        It counts beyond rounding and the tolerance of a row of the level's length; a gradient means little if the rows
+        are short in the null space of those above.  asked: rows that are equalities or violated.  sizes: their terms.
         """
         rows = A[asked] @ self.Z
         if not rows.size:
@@ -111,8 +112,8 @@ class Judge:
         gap = float(np.linalg.norm(target - cone @ mu))
         self._forces = float(mu.sum())
         shares[active] = self.side[active] * mu[: active.size]
-        force = mu * np.linalg.norm(cone, axis=0)  # in the null space: what the level rises by, a unit step off the row
-        positive = force > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
+        force = mu * np.linalg.norm(cone, axis=0)  # in the null space: increase of the level per unit step off the row
+        positive = force > max(self.lock, 100.0 * gap)  # below the effect of the gap: not significant
         self._positive[active] = positive[: active.size]
         if own is not None:
             self._own = own[positive[active.size :]]

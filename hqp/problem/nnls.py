@@ -38,13 +38,14 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
 
 
 def _rest(b: Vec, Q: Mat) -> Vec:
-    """What the span of Q leaves of b, by projection: b - G mu is as rounded as mu is large."""
+    """Return the part of b outside the span of Q, by projection: b - G mu is as rounded as mu is large."""
     rest = b - Q @ (b @ Q)
     return np.asarray(rest - Q @ (rest @ Q))
 
 
 def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> Mat:
-    """Move mu to the least squares over the passive set, dropping what turns negative; a basis of the set's span."""
+    """Move mu to the least squares over the passive set, dropping entries that turn negative; a basis of the set's
+    span."""
     while passive.any():
         chosen = np.flatnonzero(passive)
         columns = G[:, chosen]

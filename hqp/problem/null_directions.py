@@ -1,8 +1,8 @@
-"""Directions that no level sees: what rounding says of them is taken out of the rows.
+"""Directions that no level sees: rounding of the rows along these directions is removed.
 
 Torques of closed loops are redundant: internal forces move nothing, every row of a task is orthogonal to them but for
-rounding.  In a short row, or in what nearly dependent rows leave, rounding is large: a row of length 1e-9 with 1e-16
-along an internal force tilts the null space of the rows by 1e-7, and levels below would buy a motion of 1e-4 with
+rounding.  In a short row, or in the remainder of nearly dependent rows, rounding is large: a row of length 1e-9 with
+1e-16 along an internal force tilts the null space of the rows by 1e-7, and levels below would buy a motion of 1e-4 with
 1000 N m of it.  The rows are therefore judged without such directions, which only bounds, the metric and the norm see.
 """
 
@@ -24,7 +24,7 @@ def null_directions(problem: Hierarchy) -> Mat:
     Rounding is NULL_SPACE_ROUNDING of the problem's longest row, by a QR factorisation with pivoting of all those rows.
     Bounds on single variables, where they are level 0, do not count.
     """
-    from scipy.linalg import qr  # heavy, and only answers that are judged ask for it
+    from scipy.linalg import qr  # slow, and needed only for judged solutions
 
     dense = [rows.dense(problem.n) for rows in problem.levels]
     first = problem.constraints
@@ -38,7 +38,7 @@ def null_directions(problem: Hierarchy) -> Mat:
 
 
 def without_rounding(problem: Hierarchy) -> Hierarchy:
-    """The same problem, rows and metric orthogonal to the directions that they see by rounding alone."""
+    """Return the problem with rows and metric orthogonal to the directions that they see by rounding alone."""
     Z = null_directions(problem)
     if not Z.shape[1]:
         return problem

@@ -1,33 +1,34 @@
-"""What a priced hierarchy is: the stages of its levels, and what a level that was solved hands down (docs/calm.md).
+"""Definition of a priced hierarchy: the stages of its levels, and the terms that a solved level hands down
+(docs/calm.md).
 
 Level k of a hierarchy with prices c_k, motion E = 1/2 ||F x - f||^2, eta and turning t_k is solved at its stage point
 
     x_k = argmin { ||w_k|| + c_k (E(x) + R_k(x)) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }  where c_k > 0,
     x_k = argmin { 1/2 ||w_k||^2 + R_k(x)        :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }  elsewhere.
 
-What a level hands down depends on how it ended, not on what kind its rows are or how they are stored:
+These terms depend on the result of the level, not on the kind or storage of its rows:
 
     met for its price (w_k = 0):   S_k has its rows as they are;
     without a price:               S_k has its rows at its optimum, y_k = A_k x_k: equalities keep their value, the
                                    slack of inequalities may not grow, a_i x in [min(lower_i, y_i), max(upper_i, y_i)];
     not met (omega_k = ||w_k||):   S_k = S_{k-1}: all its rows are anchored.
 
-An anchored level resists what lies below it, by the sum over all of them above level k,
+An anchored level resists motion of level k by the sum over all anchored levels above k,
 
     R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta c_a omega_a) + t_a omega_a^2 sum_j d_aj^2 (F (x - x_a))_j^2,
     v_ai = a_i (x - x_a) for an equality; for an inequality by how much its slack grows, as above,
     d_aj^2 = sum_i b_i^2 ((a_i F^+ e_j)^2 + (a_i N_a F^+ e_j)^2),    b_i = 1 for an equality, |w_i| / omega_a elsewhere,
 
-N_a the projection, orthogonal in the coordinates of motion, onto what the equality rows of S_{a-1} leave where
-directions without motion are free: a joint turns the rows of level a itself, or through those of levels above, as an
+N_a the projection, orthogonal in the coordinates of motion, onto the null space of the equality rows of S_{a-1}, with
+motion-free directions left free: a joint turns the rows of level a itself, or through those of levels above, as an
 elbow does those of a base whose hand is held.  Rows of an unmet level that are met stay no hard rows, and a violated
-row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the answer would jump.
-R has the unit of E.  The first term lets what lies below move what the level gave by eta omega_a where it is a level
-of the same price, by eta c_a omega_a ||w_k|| where it has none; it becomes the rows themselves as omega_a falls to 0.
-The second slows what lies below in the joints that turn the rows of the level, beyond what the level does itself; it
-vanishes with omega_a.  While every priced level is met R = 0.
+row is held from one side: while its slack falls to 0 either would turn a hard row into a spring, and the solution would
+jump.  R has the unit of E.  The first term lets a level of the same price below move the level's result by eta omega_a,
+a level without a price by eta c_a omega_a ||w_k||; it becomes the rows themselves as omega_a falls to 0.  The second
+slows motion below in the joints that turn the rows of the level, beyond the level's own motion; it vanishes with
+omega_a.  While every priced level is met R = 0.
 
-The answer is x_p; where its argmin is not unique the completion (metric, origin, least norm) chooses among its points.
+The answer is x_p; if its argmin is not unique, the completion (metric, origin, least norm) chooses among its points.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, RESTING
 
 DEPENDS = 1e-8
-"""Of a row: what is left of it off the rows before where it depends on them."""
+"""For a row: the part orthogonal to the rows before it, if it depends on them."""
 
 UNNAMED = np.zeros(0, dtype=np.intp)
 """Places of rows that are no rows of a level."""
@@ -53,9 +54,9 @@ UNNAMED = np.zeros(0, dtype=np.intp)
 class Coordinates:
     """x = still + P y with E(x) = 1/2 ||y[:moving]||^2 + least: motion away from the point of least motion.
 
-    still: ``(n,)``.  P: ``(n, n)``, or ``(n,)`` for a diagonal matrix.  inverse: of P, of the same form.  moving: how
-    many coordinates E sees; singular values of F below FLAT_TOLERANCE of the largest are zero.  F: ``(r, n)`` or
-    ``(n,)``, as in Motion.  back: F^+, ``(n, r)`` or ``(n,)``.
+    still: ``(n,)``.  P: ``(n, n)``, or ``(n,)`` for a diagonal matrix.  inverse: part of P, in the same form.  moving:
+    number of coordinates that E sees; singular values of F below FLAT_TOLERANCE of the largest are zero.  F: ``(r, n)``
+    or ``(n,)``, as in Motion.  back: F^+, ``(n, r)`` or ``(n,)``.
     """
 
     still: Vec
@@ -98,7 +99,7 @@ class Coordinates:
         return y
 
     def left(self, A: Mat, C: Mat) -> Mat:
-        """A N F^+, ``(m, r)``, N off what the rows C ``(k, n)`` say of the motion where flat directions are free."""
+        """A N F^+, ``(m, r)``, N the projection off the motion of the rows C ``(k, n)``, with flat directions free."""
         left, r = self.rows(A), self.moving
         flat, basis = np.zeros((0, A.shape[1])), np.zeros((0, r))
         for row, length in zip(C := self.rows(C), row_lengths(C), strict=True):
@@ -122,7 +123,7 @@ class Coordinates:
         return np.diag(d * self.F) if self.F.ndim == 1 else np.asarray(d[:, None] * self.F)
 
     def columns(self, A: Mat, C: Mat) -> Mat:
-        """(A F^+)^2 + (A N F^+)^2, ``(m, r)``: how each coordinate of the motion turns each row."""
+        """(A F^+)^2 + (A N F^+)^2, ``(m, r)``: turn of each row by each coordinate of the motion."""
         return np.asarray((A * self.back if self.F.ndim == 1 else A @ self.back) ** 2 + self.left(A, C) ** 2)
 
 
@@ -148,9 +149,9 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Above:
-    """What the levels solved so far hand down: S as hard rows, and R as a sum of anchors.
+    """Rows and anchors handed down by the levels solved so far: S as hard rows, and R as a sum of anchors.
 
-    places: of the hard rows among all rows of the hierarchy, -1 for rows of none.
+    places: numbers of the hard rows among all rows of the hierarchy, -1 for other rows.
     """
 
     hard: Rows
@@ -163,11 +164,11 @@ class Above:
         return Above(Rows(np.zeros((0, n)), np.zeros(0), np.zeros(0)), (), np.zeros(0, dtype=np.intp))
 
     def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates, near: Vec | None = None) -> Above:
-        """With a level of the problem solved, whose stage ended at x; near: as at_optimum takes it."""
+        """With a level of the problem solved, whose stage ended at x; near: argument of at_optimum."""
         rows, first = problem.levels[level], sum(rows.m for rows in problem.levels[:level])
         places = np.arange(first, first + rows.m)
         if problem.prices is None or not problem.prices[level] > 0.0:
-            at_end = kept(rows, x) if self.anchors else at_optimum(rows, x, near)  # the same where R = 0
+            at_end = kept(rows, x) if self.anchors else at_optimum(rows, x, near)  # equal if R = 0
             return self.with_rows(at_end, places)
         if is_met(rows, x):
             return self.with_rows(rows, places)
@@ -202,8 +203,8 @@ class Above:
 
 
 def is_met(rows: Rows, x: Vec) -> bool:
-    """Whether w at x is no more than rounding leaves of zero: of rows at unit length, MET_TOLERANCE of their largest
-    terms and bounds."""
+    """Return true if w at x is zero within rounding: for rows of unit length MET_TOLERANCE of their largest terms and
+    bounds."""
     lengths = row_lengths(rows.dense(x.size))
     lengths[lengths == 0.0] = lengths.max(initial=0.0) or 1.0
     off = rows.slack(x) / lengths
@@ -211,7 +212,7 @@ def is_met(rows: Rows, x: Vec) -> bool:
 
 
 def row_sizes(rows: Rows, x: Vec) -> Vec:
-    """What the rounding of each row's slack is relative to, ``(m,)``: its terms and its bound.
+    """Size that the rounding of each row's slack is relative to, ``(m,)``: its terms and its bound.
 
     Entries that rest have the rounding of those that move: none counts for less than RESTING of the largest, or of one.
     """

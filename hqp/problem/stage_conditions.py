@@ -1,14 +1,15 @@
 """Optimality conditions of the stages of a priced hierarchy (hqp.problem.pricing), from its rows alone.
 
-At the stage point x_k of a level below what the levels above handed down (S_{k-1}, R_k), with mu >= 0 for active rows,
+At the stage point x_k of a level under the rows S_{k-1} and anchors R_k of the levels above, with mu >= 0 for active
+rows,
 
     A_k' u + c_k (F'(F x_k - f) + grad R_k(x_k)) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
 
 u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is; u = w_k where it has no price,
 with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small
-numbers, and what turns rows weighs heavily far out of reach: each is known as well as x_k meets its row to within the
-tolerance, and taken from what that allows. Where rows of the level or of anchors differ in length, and the level is
-not met, they are judged row by row (hqp.problem.graded).
+numbers, and the turning term is large far out of reach: each is known only as accurately as x_k meets its row, so the
+check allows the resulting error. If rows of the level or of anchors differ in length, and the level is not met, they
+are judged row by row (hqp.problem.graded).
 
 A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
 the reference solver finds from the rows.
@@ -31,13 +32,13 @@ from hqp.problem.pricing import Above, Coordinates, is_met, stack_rows
 from hqp.tolerances import LOCK_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
-"""What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
+"""Weight of a unit of u, and of the allowance, relative to the gap: the least that will do is taken."""
 
 SHORTER = 1e-12
-"""The same of u where that will not do: its rows may be so much shorter than others."""
+"""Second weight of u, if the first fails: its rows may be so much shorter than others."""
 
 ENDED = 1e-15
-"""Of its sum of squares: what the last step of sharing out what the tolerance allows lowers."""
+"""Share of its sum of squares: stop distributing the allowance when a step lowers it by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +46,7 @@ class Stage:
     """Verdict on one stage point.
 
     multipliers: ``(m_0 + ... + m_k,)``, of the rows above and then u.  free: directions that S_{k-1} leaves.  rounding:
-    what rounding of the rows above may have made of the gap, as in Certificate.
+    possible effect of rounding of the rows above on the gap, see Certificate.
     """
 
     x: Vec
@@ -57,7 +58,7 @@ class Stage:
 
 
 class Walk:
-    """The stages of a hierarchy from the first to the last, each below what those before it hand down."""
+    """Yield the stages of a hierarchy from first to last, each below the results of those before it."""
 
     def __init__(self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool) -> None:
         """x: the answer.  known: ``(levels, n)`` stage points of priced levels, NaN where they are to be found by the
@@ -75,7 +76,7 @@ class Walk:
             stage = self._priced(k, rows, price) if price > 0.0 else self._unpriced(k, rows)
             self._last = stage.x
             A = rows.dense(problem.n)
-            near = self._tolerance * (row_lengths(A) + terms(A, stage.x))  # as far as a row may be outside of S
+            near = self._tolerance * (row_lengths(A) + terms(A, stage.x))  # allowed distance of a row from S
             self._above = self._above.after(problem, k, stage.x, self._at, near)
             yield stage
 
@@ -84,7 +85,7 @@ class Walk:
         return _judge(self._completed(), Coordinates.of(None, self._x.size), self._x, self._tolerance)
 
     def outside(self, x: Vec) -> Vec:
-        """How far x is from the rows that each level handed down, ``(levels,)``, relative to their terms."""
+        """Distance of x from the rows of each level, ``(levels,)``, relative to their terms."""
         below = self._completed()
         ends = np.cumsum([rows.m for rows in self._problem.levels])
         found = np.zeros(ends.size)
@@ -134,7 +135,7 @@ class Walk:
             return self._graded(judge, k, rows, x, price)
         gradient = price * at.motion(x)
         scale = float(np.linalg.norm(gradient)) + price  # errors below one unit of motion are absolute
-        allowed = [np.zeros((0, x.size))]  # how the gradient changes where a row is off by what the tolerance allows
+        allowed = [np.zeros((0, x.size))]  # change of the gradient if a row is violated within the tolerance
         forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
         counts = price if price > 0.0 else 1.0
         for anchor in self._above.anchors:
@@ -175,8 +176,8 @@ class Walk:
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met, judge.rounding)
 
     def _graded(self, judge: Judge, k: int, rows: Rows, x: Vec, price: float) -> Stage:
-        """The same where rows differ in length: of min 1/2 ||w||^2 + m c (E + R), m = ||w|| at x, whose rows are those
-        of the level, of the motion and of the anchors."""
+        """Gap if rows differ in length: gap of min 1/2 ||w||^2 + m c (E + R), m = ||w|| at x, with rows of the level,
+        of the motion and of the anchors."""
         at, w, n = self._at, rows.slack(x), x.size
         m = float(np.linalg.norm(w)) if price > 0.0 else 1.0
         counts = m * price if price > 0.0 else 1.0
@@ -206,7 +207,7 @@ class Walk:
 def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
     """Multipliers of the rows above an unmet priced level in its own stage ``(m_0 + ... + m_{k-1},)``, and its gap.
 
-    Those of anchored rows are their forces.  stages: ``(levels, n)``, as ``certificate`` takes them.
+    The multipliers of anchored rows are their forces.  stages: ``(levels, n)``, as ``certificate`` takes them.
     """
     walk = Walk(problem, stages[level], tolerance, stages, settled=True)
     for k, stage in enumerate(walk):
@@ -240,8 +241,8 @@ def _judged(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat, shortest: fl
 
 
 def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat, shortest: float) -> tuple[Vec, float]:
-    """The gradient with the shortest u >= 0 of the signed rows and, where that is not enough, with what the tolerance
-    allows, -1 to 1 of each row; and ||u||."""
+    """Gradient with the shortest u >= 0 of the signed rows and, if that is not enough, with the allowance, -1 to 1 of
+    each row; and ||u||."""
     active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
     cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
     fixed = np.concatenate([cone, (signed @ judge.Z).T], axis=1)
@@ -268,7 +269,8 @@ def _weighted(columns: Mat, weights: Vec, target: Vec) -> tuple[Mat, Vec]:
 
 
 def _outside(rows: Rows, x: Vec) -> Vec:
-    """How far x is from each row beyond rounding, relative to its length and terms; zero for rows that are rounding."""
+    """Distance of x from each row beyond rounding, relative to its length and terms; zero for rows that are
+    rounding."""
     A = rows.dense(x.size)
     lengths = row_lengths(A)
     real = lengths > ROUNDING * lengths.max(initial=0.0)
@@ -277,5 +279,5 @@ def _outside(rows: Rows, x: Vec) -> Vec:
 
 
 def _asks(rows: Rows, n: int) -> bool:
-    """Whether a row has a direction and a bound: a level of others has no stage."""
+    """Mask of rows with a direction and a bound: a level of others has no stage."""
     return bool(np.any(rows.dense(n)[np.isfinite(rows.lower) | np.isfinite(rows.upper)]))

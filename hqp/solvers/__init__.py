@@ -1,4 +1,4 @@
-"""Solvers by name; each is imported only when asked for."""
+"""Solvers by name; each is imported on first use."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ _BUILT_IN = {
 
 _BACKENDS = ("proxqp", "osqp", "daqp", "piqp", "clarabel", "quadprog")
 _PACKAGES = {"proxqp": "proxsuite", "highs": "highspy", "qpswift": "qpSWIFT"}
-_DEFAULT_BACKEND = "proxqp"  # of cascade and weighted
+_DEFAULT_BACKEND = "proxqp"  # back end of cascade and weighted
 
 
 def __getattr__(name: str) -> object:
-    """``hqp.solvers.lexicographic`` and the other modules of solvers, imported when asked for."""
+    """``hqp.solvers.lexicographic`` and the other modules of solvers, imported on first use."""
     if name in _BUILT_IN:
         return importlib.import_module(f"hqp.solvers.{name}")
     raise AttributeError(f"module 'hqp.solvers' has no attribute {name!r}")
@@ -79,7 +79,8 @@ def default() -> str:
 
 
 def exact() -> str:
-    """The solver for what has to be exact whatever it takes: ``lexicographic``, or ``reference`` without a compiler."""
+    """Name of the solver for exact results regardless of time: ``lexicographic``, or ``reference`` without a
+    compiler."""
     return "reference" if "solver" in missing_parts() else "lexicographic"
 
 
@@ -122,7 +123,7 @@ def _factory(name: str) -> Any:
 
 def _entry_points() -> Iterable[EntryPoint]:
     """Solvers of other packages."""
-    from importlib.metadata import entry_points  # it reads what is installed, which `import hqp` does without
+    from importlib.metadata import entry_points  # reads the installed packages, which `import hqp` avoids
 
     return entry_points(group=GROUP)
 

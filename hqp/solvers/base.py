@@ -1,4 +1,4 @@
-"""What every solver is: a frozen value that allocates a workspace, and the finish all of them share."""
+"""Interface of every solver: a frozen value that allocates a workspace, and the finish all of them share."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Workspace(Protocol):
 
 
 def turn(workspace: object, out: Sequence[bool]) -> None:
-    """Go on without the rows of these of all elements, where the workspace keeps what each such set ended with."""
+    """Continue without the rows of these elements, if the workspace caches the end of each such set."""
     if turned := getattr(workspace, "turn", None):
         turned(out)
 
@@ -40,7 +40,7 @@ def turn(workspace: object, out: Sequence[bool]) -> None:
 class OneThread:
     """Lets one thread at a time into a workspace; another one is refused by RuntimeError.
 
-    An interrupt between ``enter`` and what leaves again locks nobody out but other threads: this one may enter again.
+    After an interrupt between ``enter`` and ``leave`` only other threads are locked out: this one may enter again.
     """
 
     __slots__ = ("_inside",)
@@ -84,7 +84,8 @@ class Solver(ABC):
         return self.workspace(problem.shape).solve(problem)
 
     def require(self, shape: Shape) -> None:
-        """Raise UnsupportedProblem unless the capabilities cover the shape, ProblemError for what is no Shape."""
+        """Raise UnsupportedProblem unless the capabilities cover the shape, ProblemError for an argument that is not a
+        Shape."""
         if not isinstance(shape, Shape):
             raise ProblemError(f"workspace() needs a Shape, given {type(shape).__name__}")
         if shape.inequalities and not self.inequalities and not getattr(self, "ignore_inequalities", False):
@@ -117,7 +118,7 @@ def check_fields(solver: Solver, shares: Sequence[str], counts: Sequence[str]) -
 
 
 def require_hierarchy(problem: object) -> None:
-    """Raise ProblemError for what is no Hierarchy."""
+    """Raise ProblemError for an argument that is not a Hierarchy."""
     if not isinstance(problem, Hierarchy):
         raise ProblemError(f"a problem must be a Hierarchy, given {type(problem).__name__}")
 
@@ -143,7 +144,7 @@ Described: TypeAlias = tuple[tuple[Vec, ...], tuple[Signs, ...], bool]
 
 
 def describe(problem: Hierarchy, x: Vec) -> Described:
-    """What a Solution tells of x."""
+    """Compute the fields of a Solution from x."""
     residuals = problem.slacks(x)
     return residuals, tuple(activity(rows, x) for rows in problem.levels), violated(problem, residuals)
 
@@ -171,7 +172,7 @@ def finish(
 
 
 def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs:
-    """Which side each row lies on, as in Solution.active."""
+    """Return the active side of each row, with the signs of Solution.active."""
     value = rows.A @ x
     with np.errstate(invalid="ignore"):
         at_lower = value <= rows.lower + tolerance * (1.0 + np.abs(rows.lower))
@@ -182,7 +183,7 @@ def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs
 
 
 def violated(problem: Hierarchy, residuals: tuple[Vec, ...]) -> bool:
-    """Whether a row of the leading constraint levels is off its bounds by more than VIOLATION_TOLERANCE."""
+    """Return true if a row of the leading constraint levels is violated by more than VIOLATION_TOLERANCE."""
     for rows, w in zip(problem.levels[: problem.constraints], residuals, strict=False):
         bound = np.where(w > 0.0, rows.upper, rows.lower)
         if w.size and bool(np.any(np.abs(w) > VIOLATION_TOLERANCE * (1.0 + np.abs(np.where(w == 0.0, 0.0, bound))))):

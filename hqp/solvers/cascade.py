@@ -63,7 +63,9 @@ class CascadeWorkspace(ExternalWorkspace):
         Z: Mat = np.eye(n)
         held: Index = np.zeros(0, dtype=np.intp)
         start = 0
-        settled = self.refiner is not None and not flat.inequality.any()  # no active set to find: nothing to ask
+        settled = (
+            self.refiner is not None and not flat.inequality.any()
+        )  # no active set to find: refining has no effect
         for k, stop in enumerate(flat.stops):
             if settled or not Z.shape[1]:
                 break

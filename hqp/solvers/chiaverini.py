@@ -22,9 +22,9 @@ class Chiaverini(Solver):
 
     Each task is inverted by itself and then projected (Chiaverini 1997), so that only the first level reaches its
     optimum for certain: strict is False, and a lower level whose residual is not zero marks the answer NOT_STRICT.
-    Constraints that a stack is subject to are the first level ("critical"), the next one is B.
-    damping: lambda of footnote 3, N_A N_AB^lambda in place of N_AB from the third level on, 0 as printed in (16).
-    rank_tolerance, ignore_inequalities: as in nullspace.
+    Constraints that a stack is subject to are the first level ("critical"), the next one is B. damping: lambda of
+    footnote 3, N_A N_AB^lambda in place of N_AB from the third level on, 0 as printed in (16). rank_tolerance,
+    ignore_inequalities: see Nullspace.
     """
 
     name: ClassVar[str] = "chiaverini"
@@ -93,7 +93,7 @@ class ChiaveriniWorkspace:
         return self.above.project(v - J.T @ np.linalg.solve(inner, J @ v), 1)
 
     def _met(self, x: Vec, first: int) -> bool:
-        """Whether every equality below the first level and every inequality has no residual to speak of."""
+        """Return true if all equalities below the first level and all inequalities have a negligible residual."""
         flat = self.flat
         w = np.abs(flat.slack(x))
         w[:first] *= flat.inequality[:first]

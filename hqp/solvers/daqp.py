@@ -19,10 +19,10 @@ from hqp.solvers.external import External, ExternalWorkspace
 class Daqp(External):
     """lexmin of all levels at once through ``daqp.solve(..., break_points=...)`` (Arnstrom et al. 2022).
 
-    DAQP scales every row to length 1, which would change the norm of a level's slack.  That is undone here by one more
-    variable s, fixed to zero by a level of its own above all others: row i becomes [a_i, sqrt(r^2 - |a_i|^2)] with r
-    the largest row norm of its level, so that all rows of a level are scaled alike.
-    Its options are those of External; tolerance is DAQP's primal one.
+    DAQP scales every row to length 1, which would change the norm of a level's slack.  One more variable s, fixed to
+    zero by a level of its own above all others, undoes this: row i becomes [a_i, sqrt(r^2 - |a_i|^2)] with r the
+    largest row norm of its level, so that all rows of a level are scaled alike.  Its options are those of External;
+    tolerance is DAQP's primal one.
     """
 
     name: ClassVar[str] = "daqp"
@@ -67,7 +67,7 @@ class DaqpWorkspace(ExternalWorkspace):
         self._lower[1:], self._upper[1:] = flat.lower, flat.upper
 
     def _solve_qp(self) -> tuple[Vec, int, str]:
-        """DAQP's x, its iterations, and what it complains of."""
+        """DAQP's x, its iterations, and its complaint."""
         settings = {"primal_tol": self.solver.tolerance, "iter_limit": self.solver.max_iterations}
         arguments = (None, None, self._A, self._upper, self._lower, self._sense)
         try:

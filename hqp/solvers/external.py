@@ -18,10 +18,10 @@ from hqp.tolerances import RANK_TOLERANCE
 
 @dataclass(frozen=True)
 class External(Solver):
-    """What solvers of other packages have in common.
+    """Common base of solvers from other packages.
 
-    tolerance: asked of the back end, absolute, on rows of length 1.  max_iterations: its own, a solve.
-    rank_tolerance: as in nullspace.  refine: make the answer exact by its active set (at most ``exchanges`` changes of
+    tolerance: tolerance of the back end, absolute, on rows of length 1.  max_iterations: its own, a solve.
+    rank_tolerance: see Nullspace.  refine: make the answer exact by its active set (at most ``exchanges`` changes of
     it), otherwise it is only judged.
     """
 
@@ -49,7 +49,7 @@ class External(Solver):
 class ExternalWorkspace(ABC):
     """All rows of the hierarchy in one block; a subclass finds x, which is refined and judged here.
 
-    trusted: how close to a bound x may be trusted to be active.
+    trusted: distance to a bound below which x counts as active.
     """
 
     def __init__(self, solver: External, shape: Shape, trusted: float) -> None:
@@ -58,7 +58,7 @@ class ExternalWorkspace(ABC):
         self._trusted, self._accuracy = trusted, solver.accuracy
 
     def reset(self) -> None:  # noqa: B027
-        """Forget the warm start; by default there is none."""
+        """Forget the warm start; the default does nothing."""
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution, exact where it could be confirmed; NOT_CERTIFIED, naming the level, where it could not."""
@@ -71,7 +71,7 @@ class ExternalWorkspace(ABC):
 
     @abstractmethod
     def find(self, began: float) -> tuple[Vec, Stats, str]:
-        """x for the rows of ``flat``, the effort since ``began``, and what the back end complained of."""
+        """Return x for the rows of ``flat``, the effort since ``began``, and the complaint of the back end."""
 
 
 def conclude(
@@ -86,8 +86,8 @@ def conclude(
 ) -> Solution:
     """OPTIMAL where refining confirms the answer or else the certificate passes it at ``accuracy``.
 
-    refiner: None leaves x as it is.  nearness: how close to a bound x is trusted to be active.  detail: what the
-    back end complained of, kept only if the answer cannot be certified.
+    refiner: None leaves x as it is.  nearness: distance to a bound below which x counts as active.  detail: complaint
+    of the back end, kept only if the solution cannot be certified.
     """
     uncertain = False
     if refiner is not None:

@@ -19,8 +19,8 @@ _Array = TypeVar("_Array", Vec, Signs)
 class Flat:
     """All rows of a hierarchy in order: A ``(M, n)``, lower, upper ``(M,)``; level k ends at stops[k].
 
-    equality, inequality: ``(M,)`` marks of this tick; a row that is neither is left out of it.
-    complete: append what chooses among the optima as one or two more levels of n rows, see completion.
+    equality, inequality: ``(M,)`` marks of this tick; a row that is neither is left out of it. complete: append the
+    tie-breaking objective as one or two more levels of n rows, see completion.
     """
 
     def __init__(self, shape: Shape, complete: bool = False) -> None:
@@ -43,7 +43,7 @@ class Flat:
             self._completion[-1][0][:] = np.eye(shape.n)
 
     def load(self, problem: Hierarchy) -> str:
-        """Take the numbers of this tick; return what makes them unusable, '' if nothing does.
+        """Take the numbers of this tick; return the reason if they are unusable, else "".
 
         Raises ProblemError for another shape than the workspace was made for.
         """
@@ -103,7 +103,7 @@ class Flat:
         return np.asarray(value - np.minimum(np.maximum(value, self.lower), self.upper))
 
     def refuse(self, problem: Hierarchy, stats: Stats, detail: str) -> Solution:
-        """What is returned for an unusable problem: x = 0, infinite residuals where they cannot be computed."""
+        """Return the solution of an unusable problem: x = 0, infinite residuals where they cannot be computed."""
         x = np.zeros(problem.n)
         with np.errstate(invalid="ignore"):
             w = self.slack(x)[: self.own]
@@ -112,7 +112,7 @@ class Flat:
         return Solution(x, Status.NOT_CERTIFIED, self._split(w), self._split(marks), stats, detail)
 
     def finish(self, problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
-        """As base.finish, in one pass over the block."""
+        """Apply base.finish in one pass over the block."""
         if not np.isfinite(x).all():
             return self.refuse(problem, stats, "the numbers overflowed")
         own = self.own

@@ -1,4 +1,4 @@
-"""A Solution whose parts are cut out of the kernel's numbers when they are first asked for."""
+"""Solution whose parts are cut out of the kernel's arrays on first access."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from hqp.problem import Solution, Stats
 
 
 class LazySolution(Solution):
-    """What the kernel sets up: x and status at once; residuals, active and stats, as of Solution, when asked for.
+    """Result of the kernel: x and status at once; residuals, active and stats are computed on first access.
 
-    _numbers: x, the slacks, and the marks as bytes.  _parts: where each level's slacks stand, and its marks among the
-    bytes.  _counts: what Stats is made of.
+    _numbers: x, the slacks, and the marks as bytes.  _parts: slices of each level's slacks, and of its marks among the
+    bytes.  _counts: arguments of Stats.
     """
 
     __slots__ = ("_counts", "_numbers", "_parts")

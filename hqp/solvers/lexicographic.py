@@ -65,10 +65,10 @@ class Lexicographic(Solver):
 
     rank_tolerance: a pivot below this times the largest row norm of its level is no direction of that level.
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
-    max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline [s]: of one solve, None for none;
-    either cap returns the best point so far.  max_failed_exchanges: how many block exchanges may fail to lessen
-    the number of violated bounds and wrong signs before single changes take over.  multipliers: return them.
-    Raises DeclarationError for a value out of range, SolverNotInstalled where the package was built without a compiler.
+    max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline [s]: time limit of one solve, None for
+    no limit; either cap returns the best point so far.  max_failed_exchanges: number of block exchanges without a
+    decrease of violated bounds and wrong signs before single changes take over.  multipliers: return them.  Raises
+    DeclarationError for a value out of range, SolverNotInstalled where the package was built without a compiler.
     """
 
     name: ClassVar[str] = "lexicographic"
@@ -99,7 +99,7 @@ class Lexicographic(Solver):
 
     @property
     def options(self) -> dict[str, float]:
-        """What native code, and a file, take of them; zero for no cap."""
+        """Options for native code and for a file; zero for no cap."""
         return {
             "rank_tolerance": self.rank_tolerance,
             "multiplier_tolerance": self.multiplier_tolerance,
@@ -127,7 +127,7 @@ def _is_count(value: object, least: int) -> bool:
 class NativeWorkspace:
     """A kernel bound to the arrays of the last hierarchy it saw, which may be refilled in place between calls.
 
-    It solves hierarchies without prices; native: that of a shape with prices solves those as well.
+    It solves hierarchies without prices; native: the workspace of a priced shape solves those as well.
     """
 
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
@@ -171,10 +171,10 @@ class NativeWorkspace:
         return told
 
     def limit(self, seconds: float) -> None:
-        """Time for the next solves [s], none for zero: a session gives what is left of its tick.
+        """Time for the next solves [s], none for zero: a session passes the rest of its tick.
 
         Whoever sets one, infinity too, solves again and again: only answers that are not certified are doubted then.
-        Raises DeclarationError for what is no time.
+        Raises DeclarationError for a negative or NaN time.
         """
         if not isinstance(seconds, (int, float)) or not seconds >= 0.0:
             raise DeclarationError("lexicographic", "bad time limit", value=seconds, unit="s", allowed="0 or above")
@@ -203,7 +203,7 @@ class NativeWorkspace:
         return self.native.solve, self.native.values(), self.native.active(), self.native.call()
 
     def parts(self, problem: Hierarchy) -> dict[str, Any]:
-        """What the kernel of a problem is made of, for a file (docs/plan_file.md)."""
+        """Data of a problem's kernel for a file (docs/plan_file.md)."""
         return {
             "n": problem.n,
             "levels": [row_parts(rows) for rows in problem.levels],
@@ -269,7 +269,7 @@ class NativeWorkspace:
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:
-    """What is returned for numbers that no solver can use: the culprit in the detail, never an exception."""
+    """Return the solution for unusable numbers: the culprit in the detail, never an exception."""
     flat = Flat(shape)
     for k, rows in enumerate(problem.levels):
         if isinstance(rows.A, Selection):

@@ -23,9 +23,9 @@ from hqp.solvers.stages import stage_tolerances
 class HierarchyBatch:
     """N hierarchies of one shape as stacked arrays, read where they are.
 
-    levels: (A, lower, upper) each, A ``(N, m, n)``, or ``(m, n)`` or a Selection that all share; lower, upper
-    ``(N, m)`` or ``(m,)``.  constraints: as in Hierarchy.  n: needed only where every level is a Selection.
-    prices, motion, eta, turning: as in Hierarchy, shared by all.
+    levels: (A, lower, upper) each, A ``(N, m, n)``, or ``(m, n)`` or a Selection that all share; lower, upper ``(N,
+    m)`` or ``(m,)``.  constraints: number of leading hard levels.  n: needed only where every level is a Selection.
+    prices, motion, eta, turning: see Hierarchy, shared by all.
     """
 
     levels: tuple[tuple[Mat | Selection, Vec, Vec], ...]
@@ -55,7 +55,7 @@ class HierarchyBatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """What solve_many returns: x ``(N, n)``, norms ``(N, levels)`` of ||w_k||, statuses, and the slack of every row.
+    """Result of solve_many: x ``(N, n)``, norms ``(N, levels)`` of ||w_k||, statuses, and the slack of every row.
 
     slack, active: ``(N, m_0 + ... + m_p)``, level after level.  statuses: ``(N,)`` of Status.  iterations: ``(N,)``.
     stage_points: ``(N, levels, n)`` of priced problems, NaN where a level had no stage, ``(0, levels, n)`` of others.
@@ -71,18 +71,19 @@ class Solutions:
 
     @property
     def solved(self) -> NDArray[np.bool_]:
-        """Which are solved, ``(N,)``."""
+        """Mask of solved problems, ``(N,)``."""
         return np.array([status.solved for status in self.statuses], dtype=bool)
 
 
 def solve_many(
     problems: Sequence[Hierarchy] | HierarchyBatch, *, threads: int | None = None, solver: Lexicographic | None = None
 ) -> Solutions:
-    """Solve each problem cold: the same bits as ``solver.solve`` one by one, the interpreter's lock released.
+    """Solve each problem cold: bits equal to those of ``solver.solve`` one by one, with the interpreter's lock
+    released.
 
-    threads: as many as the process may use by default.  solver: its options; multipliers are not returned.
-    Raises ProblemError where the problems differ in shape, DeclarationError for a number of threads below one or a
-    solver with a deadline, SolverNotInstalled without the native kernel.
+    threads: number of threads, by default all that the process may use.  solver: its options; multipliers are not
+    returned.  Raises ProblemError where the problems differ in shape, DeclarationError for a number of threads below
+    one or a solver with a deadline, SolverNotInstalled without the native kernel.
     """
     module = native_module()
     if module is None:
@@ -123,7 +124,7 @@ def _threads(threads: int | None) -> int:
 
 
 def _fill(batch: Any, problems: Sequence[Hierarchy] | HierarchyBatch, shape: Shape) -> Any:
-    """Give the batch its views; returns what must live as long."""
+    """Give the batch its views; return the objects that must stay alive with it."""
     if isinstance(problems, HierarchyBatch):
         levels = [_stacked(A, lower, upper) for A, lower, upper in problems.levels]
         like = problems[0]
@@ -154,7 +155,7 @@ def _finished(
     problems: Sequence[Hierarchy] | HierarchyBatch, solver: Lexicographic, shape: Shape, x: Mat, slack: Mat,
     active: NDArray[np.int8], effort: NDArray[np.int32], points: NDArray[np.float64],
 ) -> Solutions:  # fmt: skip
-    """Statuses; what the kernel doubts or could not read is solved again by itself, as one by one."""
+    """Statuses; doubtful or unreadable problems are solved again one by one."""
     statuses = [STATUSES[outcome] if outcome < len(STATUSES) else Status.NOT_CERTIFIED for outcome in effort[:, 0]]
     doubtful = [STATUSES.index(status) for status in (*DOUBTFUL, Status.ITERATION_LIMIT)]
     unsure = (effort[:, 0] >= len(STATUSES)) | np.isin(effort[:, 0], doubtful) | (effort[:, 3] != 0)

@@ -41,7 +41,7 @@ class Recursion:
 
     @property
     def free(self) -> int:
-        """How many directions no level has fixed."""
+        """Number of directions that no level has fixed."""
         return self.n - self._taken
 
     def solve(
@@ -54,8 +54,8 @@ class Recursion:
     ) -> None:
         """Go through the levels; level k's rows of A ``(M, n)``, b ``(M,)`` end at stops[k], level k + 1's begin there.
 
-        sizes: what each level's pivots are judged against, its largest row norm by default.  least: none is taken as
-        smaller, nor than what makes ROUNDING of the largest the cut; the attribute of that name is what came of it.
+        sizes: reference size of each level's pivots, its largest row norm by default.  least: lower bound of a level's
+        cut, beside ROUNDING of the largest pivot; the attribute of that name holds the resulting value.
         """
         self.ranks, self._steps, self.uncertain, self.factorisations = [], [], False, 0
         self._taken = start = 0
@@ -147,7 +147,7 @@ class Recursion:
         return step
 
     def _rank(self, qr: Mat, most: int, size: float) -> int:
-        """How many pivots are above the tolerance, judged against the unprojected row norms."""
+        """Return the number of pivots above the tolerance, relative to the unprojected row norms."""
         cut = self.tolerance * size
         if abs(qr[most - 1, most - 1]) > NEAR * cut:  # pivots never grow: all are
             return most
@@ -177,7 +177,7 @@ class Recursion:
     def multipliers(self, residuals: Vec, stops: Sequence[int]) -> Mat:
         """Column k: lambda_k with sum_{j<=k} A_j' lambda_kj = 0 and lambda_kk = w_k, ``(M, levels)``.
 
-        residuals: ``(M,)``, A x - b at the x of the last solve.  Where rows are dependent some of them get zero.
+        residuals: ``(M,)``, A x - b at the x of the last solve.  Some dependent rows get zero.
         """
         levels = len(stops)
         L = np.zeros((stops[-1] if stops else 0, levels), order="F")
@@ -205,7 +205,7 @@ _NOWHERE: Index = np.zeros(0, dtype=np.intp)
 
 
 class _Step:
-    """What one level leaves behind: its reflectors, its coordinates, and how it couples to the levels below."""
+    """Result of one level: its reflectors, its coordinates, and how it couples to the levels below."""
 
     __slots__ = ("offset", "pivots", "qr", "rank", "start", "stop", "tail", "tall", "tau", "top", "y")
 

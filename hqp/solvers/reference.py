@@ -23,7 +23,7 @@ class Reference(Solver):
     """The hierarchy level by level, priced or not, by a textbook active-set method (docs/solvers.md).
 
     rank_tolerance: a row adds no direction where no more than this fraction of its length is left.  max_iterations:
-    steps a level may take.  factorisations: of the faces of a whole problem, None for any number.  Either ends in
+    steps a level may take.  factorisations: limit for the faces of a whole problem, None for no limit.  Either ends in
     ITERATION_LIMIT.
     """
 

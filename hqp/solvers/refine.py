@@ -19,7 +19,7 @@ from hqp.solvers.recursion import Recursion
 from hqp.tolerances import MET_TOLERANCE, ROUNDING
 
 BLOCK = 4
-"""So many times all rows that fail are exchanged at once; then one at a time, never losing ground."""
+"""Number of exchanges of all failing rows at once; then one at a time, never losing ground."""
 
 TINY = 1e-300
 
@@ -40,7 +40,7 @@ class Refiner:
     def __init__(self, flat: Flat, rank_tolerance: float, exchanges: int) -> None:
         self.flat, self.exchanges = flat, exchanges
         self.recursion = Recursion(flat.shape.n, rank_tolerance)
-        self._determined = False  # whether the levels alone settled the last optimum
+        self._determined = False  # true if the levels alone determined the last optimum
 
     def refine(self, x: Vec, nearness: float) -> Refined:
         """The optimum near x, if the signs confirm one within the exchanges allowed; x itself otherwise.
@@ -75,7 +75,7 @@ class Refiner:
             if row >= 0:
                 x = x + step * (found - x)
                 sides[row] = side
-                stuck[row] = row == dropped and step < MET_TOLERANCE  # its sign is below what can be told: it stays
+                stuck[row] = row == dropped and step < MET_TOLERANCE  # its sign is within rounding: it stays
             elif wrong.size:
                 x, dropped = found, int(wrong[0])
                 sides[dropped] = 0
@@ -90,7 +90,7 @@ class Refiner:
         self._longest = np.array(
             [self._lengths[a:z].max(initial=0.0) for a, z in zip(starts, flat.stops, strict=False)]
         )
-        self._longest[self._longest <= ROUNDING * self._longest.max(initial=0.0)] = np.inf  # no say in any sign
+        self._longest[self._longest <= ROUNDING * self._longest.max(initial=0.0)] = np.inf  # ignored in every sign
 
     def _guess(self, x: Vec, nearness: float) -> Signs:
         flat = self.flat
@@ -133,7 +133,7 @@ class Refiner:
         return out & (value > flat.upper + slop), out & (value < flat.lower - slop)
 
     def _blocking(self, x: Vec, d: Vec, sides: Signs) -> tuple[float, int, int]:
-        """How far x may go along d, and the row left out that stops it with its side, -1 where none does."""
+        """Return the step length of x along d, and the blocking row with its side, -1 if there is none."""
         flat = self.flat
         value, rate = flat.A @ x, flat.A @ d
         slop = MET_TOLERANCE * (self._lengths + np.abs(flat.A) @ np.abs(x + d))
@@ -151,7 +151,7 @@ class Refiner:
     def _wrong(self, residual: Vec, stops: list[int], rows: Index, sides: Signs, x: Vec) -> tuple[Index, bool]:
         """Rows whose first non-zero multiplier has the wrong sign, most important level first.
 
-        Also whether a row has none but zeros at the problem's own levels, so that the completion has the say.
+        Also return true if a row has only zeros at the problem's own levels, so that the completion decides.
         """
         signed = np.flatnonzero(sides[rows])
         if not signed.size:

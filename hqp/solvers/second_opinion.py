@@ -1,4 +1,4 @@
-"""What becomes of a doubtful answer: the first that the certificate passes, of it, of others, and of the reference."""
+"""Certify a doubtful solution: the first that the certificate passes, of it, of others, and of the reference."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hqp.solvers.base import UNSURE, finish
 from hqp.tolerances import ACCURATE
 
 LAST_OPINION = 4e9
-"""Multiplications for what the reference is asked, in factorisations of (n + rows + OVERHEAD)^3 each.
+"""Budget of the reference solver in multiplications, in factorisations of (n + rows + OVERHEAD)^3 each.
 
 A count and no time, so that status and x are the same on every machine; about a second.
 """
@@ -28,7 +28,7 @@ STUCK = "no solution found passed the certificate: the problem is too ill-condit
 
 def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]] = ()) -> Solution:
     """The first that the certificate passes, of the answer given, the others and the reference's, or NOT_CERTIFIED."""
-    from hqp.solvers.reference import Reference  # it is seldom asked
+    from hqp.solvers.reference import Reference  # rarely needed
 
     last = Reference(factorisations=effort(problem))
     answers: list[Callable[[], Solution]] = [lambda: doubtful, *others, lambda: last.solve(problem)]

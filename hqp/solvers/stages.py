@@ -37,7 +37,7 @@ UNSETTLED = 98
 
 
 class StagedWorkspace:
-    """A workspace for priced hierarchies: that of the exact one, whose native part knows the stages as well."""
+    """A workspace for priced hierarchies: the workspace of the exact one, whose native part has the stages as well."""
 
     def __init__(self, shape: Shape, exact: NativeWorkspace) -> None:
         self._shape, self._exact, self.native = shape, exact, exact.native
@@ -67,7 +67,7 @@ class StagedWorkspace:
     def solve(self, problem: Hierarchy) -> Solution:
         """The exact answer where it settles every priced level, else that of the stages, with their points.
 
-        Raises ProblemError for another shape, or prices that are none, RuntimeError while another thread solves in this
+        Raises ProblemError for another shape or invalid prices, RuntimeError while another thread solves in this
         workspace.
         """
         require_hierarchy(problem)
@@ -80,13 +80,13 @@ class StagedWorkspace:
             self._one_thread.leave()
 
     def _no_worse(self, problem: Hierarchy, solution: Solution) -> Solution:
-        """The solution; where it was cut, that of the last x if it is lexicographically better."""
+        """The solution; if it was cut, that of the last x if it is lexicographically better."""
         if solution.status.cut:
             x = problem.better(solution.x, self._last_x)
             if x is not solution.x:
                 self.native.untold()  # no multipliers
                 solution = finish(problem, x, solution.status, solution.stats, solution.detail, describe=self._describe)
-        self._last_x = solution.x.copy()  # a caller may write into what is given away
+        self._last_x = solution.x.copy()  # a caller may modify the returned array
         return solution
 
     def _solved(self, problem: Hierarchy) -> Solution:
@@ -98,7 +98,7 @@ class StagedWorkspace:
         return self._priced(problem, self._exact.solve(self._plain))
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
-        """As NativeWorkspace.kernel, of all levels; its outcome is UNSETTLED where the answer is that of stages."""
+        """Call the kernel of all levels; its outcome is UNSETTLED where the answer is that of stages."""
         if not problem.readable:
             return None
         if self._problem is not problem:
@@ -106,7 +106,7 @@ class StagedWorkspace:
         return self._exact.kernel(self._plain)
 
     def parts(self, problem: Hierarchy) -> dict[str, Any]:
-        """What the stages of a problem are made of, for a file (docs/plan_file.md)."""
+        """Data of a problem's stages for a file (docs/plan_file.md)."""
         if self._problem is not problem:
             self._bind(problem)
         exact = self._exact.parts(self._plain)
@@ -128,7 +128,7 @@ class StagedWorkspace:
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer: rows above each level, then its own.
 
-        Those of the levels above the stages, none where they are not at hand, where these gave it.
+        For a solution of stages, the multipliers of the levels above the stages may be missing.
         """
         return self._exact.tell()
 
@@ -149,7 +149,7 @@ class StagedWorkspace:
         return self._staged(problem, exact.stats) if near and self.native.follow(x) else exact
 
     def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
-        """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""
+        """The answer of the latest stages; if stopped early, a point that satisfies the rows of the levels above."""
         steps, ended, uncertain, undecided, doubtful = self.native.effort()
         unsure = undecided or (doubtful and self._seconds > 0.0)  # without a clock the certificate decides
         status = Status.RANK_UNCERTAIN if unsure else Status.OPTIMAL
@@ -162,7 +162,7 @@ class StagedWorkspace:
         return second_opinion(problem, solution) if doubtful and not self._seconds else solution
 
     def _describe(self, problem: Hierarchy, x: Vec) -> Described:
-        """As hqp.solvers.base.describe, natively."""
+        """Compute hqp.solvers.base.describe natively."""
         slack, marks = np.empty(self._parts[-1].stop), np.empty(self._parts[-1].stop, dtype=np.int8)
         broken = self.native.describe(x, slack, marks)
         return tuple(slack[part] for part in self._parts), tuple(marks[part] for part in self._parts), broken
@@ -176,7 +176,7 @@ class StagedWorkspace:
 
 
 def stage_tolerances() -> dict[str, float]:
-    """What the native stages take of hqp.tolerances, by the names that they have there."""
+    """Tolerances of the native stages from hqp.tolerances, by the same names."""
     return {
         "met": MET_TOLERANCE,
         "flat": FLAT_TOLERANCE,

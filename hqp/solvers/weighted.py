@@ -21,10 +21,9 @@ class Weighted(Solver):
     """min sum_k (weight_k ||w_k||)^2 with the constraint levels hard, as one-QP libraries such as pink and mink do.
 
     Never strict: a lower level moves a higher one by about (weight below / weight above)^2, so no answer is OPTIMAL.
-    Constraint levels that cannot all hold are softened, with the weight of a level above all others.
-    ratio: weight of a level over that of the level below it, on the norm; the last level has weight 1.
-    weights: one a level, in place of ratio.  regularisation: weight of the completion.
-    backend, tolerance, max_iterations: as in cascade.
+    Constraint levels that cannot all hold are softened, with the weight of a level above all others.  ratio: weight of
+    a level over that of the level below it, on the norm; the last level has weight 1.  weights: one a level, in place
+    of ratio.  regularisation: weight of the completion.  backend, tolerance, max_iterations: see Cascade.
     """
 
     name: ClassVar[str] = "weighted"

@@ -1,4 +1,4 @@
-"""Quadratic programs through third-party packages; a package is imported by its adapter alone, when asked for."""
+"""Quadratic programs through third-party packages; a package is imported only by its adapter, on first use."""
 
 from __future__ import annotations
 

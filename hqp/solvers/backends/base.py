@@ -1,4 +1,4 @@
-"""What a back end is: min 1/2 x' H x + g' x subject to lower <= C x <= upper, again and again at one size."""
+"""Interface of a back end: min 1/2 x' H x + g' x subject to lower <= C x <= upper, again and again at one size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hqp.arrays import Mat, Vec
 class QpAnswer:
     """x ``(n,)``; multipliers ``(m,)`` with H x + g + C' z = 0, z > 0 at upper and < 0 at lower sides.
 
-    solved: whether the back end says it met its tolerance.  status: its own word for how it ended.
+    solved: true if the back end reports that it met its tolerance.  status: its own word for how it ended.
     """
 
     x: Vec

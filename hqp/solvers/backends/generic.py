@@ -21,10 +21,10 @@ _TOLERANCES: dict[str, Callable[[float], dict[str, float]]] = {
     "qpswift": lambda t: {"ABSTOL": t, "RELTOL": 0.0},
     "scs": lambda t: {"eps_abs": t, "eps_rel": 0.0},
 }
-"""How each package spells an absolute tolerance; one that is missing here runs at its default."""
+"""Option names of each package for an absolute tolerance; one that is missing here runs at its default."""
 
 _RIDGE = {"daqp": 1e-9, "quadprog": 1e-9}
-"""What is added to the diagonal of H for packages that need it positive definite, relative to its largest entry."""
+"""Addition to the diagonal of H for packages that need it positive definite, relative to its largest entry."""
 
 _SPARSE = {"clarabel", "highs", "qpalm", "scs"}
 
@@ -65,7 +65,7 @@ class GenericWorkspace:
         G, h = np.concatenate([C[above], -C[below]]), np.concatenate([upper[above], -lower[below]])
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of packages that would rather have sparse matrices
+                warnings.simplefilter("ignore")  # packages recommend sparse matrices
                 problem = qpsolvers.Problem(*self._matrices(H, g, G), h)
                 found = qpsolvers.solve_problem(problem, self._name, initvals=self._start, **self._tolerances)
         except Exception as error:

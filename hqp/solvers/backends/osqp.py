@@ -1,4 +1,4 @@
-"""OSQP with a kept, warm-started workspace; first order: its accuracy is what its iterations allow (Stellato 2020)."""
+"""OSQP with a kept, warm-started workspace; first order: the iteration limit bounds its accuracy (Stellato 2020)."""
 
 from __future__ import annotations
 
