@@ -35,9 +35,9 @@ class Balance(Task):
     support seen from above, h the height of c above p on the plane through the support, which may be sloped, and
     omega = sqrt(g / height).  ``at(zmp, dcm)`` gives z_ref and xi_ref.
 
-    The support is that of the stack's contacts (contacts: of these, by name): the corners of their CenterOfPressure,
-    ``margin`` further inside [m], so that the feet can hold p; or points: ((frame, x, y, z), ...) [m].
-    height [m]: of the pendulum that plans z_ref and xi_ref, that of c above the support for None.
+    The support is that of the stack's contacts (contacts: a subset of these, by name): the corners of their
+    CenterOfPressure, ``margin`` further inside [m], so that the feet can hold p; or points: ((frame, x, y, z), ...)
+    [m].  height [m]: height of the pendulum that plans z_ref and xi_ref, None for the height of c above the support.
     For accelerations and torques.  Raises DeclarationError for fields, another law, fewer than three points,
     FrameNotFound on binding (Englsberger, Ott, Albu-Schaeffer 2015, eqs. 7, 16).
     """
@@ -73,7 +73,7 @@ class Balance(Task):
         )
 
     def among(self, elements: Sequence[Element]) -> Element:
-        """The same with the points of these contacts; raises DeclarationError."""
+        """Return the element with the points of these contacts; raises DeclarationError."""
         if self.points:
             return self
         found = cast(SupportPolygon, SupportPolygon(contacts=self.contacts, name=self.name).among(elements))
@@ -122,11 +122,11 @@ class Balance(Task):
         return self._omega(state, self.corners(state))
 
     def zmp(self, state: State, reference: ArrayLike) -> tuple[Vec, Vec]:
-        """p ``(2,)``, and what it were without the hull ``(2,)`` [m], for z_ref and xi_ref ``(4,)`` [m]."""
+        """Return p ``(2,)``, and its value without the hull ``(2,)`` [m], for z_ref and xi_ref ``(4,)`` [m]."""
         return self._zmp(state, reference, self.corners(state))
 
     def error(self, state: State, reference: Any) -> Vec:
-        """Minus the acceleration that is asked for, g (p - c) / h ``(2,)`` [m/s^2]."""
+        """Minus the requested acceleration, g (p - c) / h ``(2,)`` [m/s^2]."""
         corners, c = self.corners(state), state.com()
         p, _ = self._zmp(state, reference, corners)
         return _gravity(state.robot) / self._over(corners, p, c[2]) * (p - c[:2])
@@ -141,7 +141,7 @@ class Balance(Task):
         return math.sqrt(_gravity(state.robot) / above)
 
     def _over(self, corners: Mat, p: Vec, z: float) -> float:
-        """How far z is above the plane through the support at p [m]."""
+        """Height of z above the plane through the support at p [m]."""
         mean = corners.mean(axis=0)
         return max(float(z - mean[2] - slope(corners) @ (p - mean[:2])), LEAST)
 

@@ -1,4 +1,4 @@
-"""Limits of ball joints: the angle by which a joint may turn from its zero, about whatever axis."""
+"""Limits of ball joints: bound on the angle of a joint from its zero, about any axis."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class BallLimits(Inequality):
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
 
     def balls(self, robot: Robot) -> list[tuple[str, int, float]]:
-        """Name, first tangent coordinate and limit [rad] of each; raises DeclarationError where there is none."""
+        """Name, first tangent coordinate and limit [rad] of each; raises DeclarationError if there is none."""
         wanted = None if self.joints is None else set(robot.joints(self.joints).tolist())
         found = [
             (name, first, most - self.margin)

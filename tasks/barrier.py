@@ -24,16 +24,16 @@ class _Barrier(Inequality):
 
         u <= phi(h),    phi(h) = rate h inside,    phi(h) = -recovery tanh(rate |h| / recovery) outside;
 
-    where x is an acceleration, a = J x + dJ/dt v towards the bound keeps to that with a second pole of 4 rate,
+    for accelerations, a = J x + dJ/dt v towards the bound follows that with a second pole of 4 rate,
 
         a <= 4 rate (phi(h) - u) - phi'(h) u.
 
-    Where the bounds move, at the reference's velocity and acceleration, u and a are relative to them.  A return sets in
-    gradually: outside, no more is asked than a <= -acceleration - 5 rate max(u, 0), at velocity level of the change of
-    u in a tick from what was commanded last.
+    If the bounds move, at the reference's velocity and acceleration, u and a are relative to them.  A return sets in
+    gradually: outside, the demand is at most a <= -acceleration - 5 rate max(u, 0), at velocity level on the change of
+    u in a tick from the last command.
 
-    A base class: ``jacobian``, ``drift`` and ``bounds`` say the rest.  rate [1/s]: at most 1/dt, 1/(4 dt) where x is
-    an acceleration.  recovery: fastest way back [m/s or rad/s].  acceleration: with which it sets in [m/s^2 or
+    A base class: subclasses define ``jacobian``, ``drift`` and ``bounds``.  rate [1/s]: at most 1/dt, 1/(4 dt) where x
+    is an acceleration.  recovery: fastest way back [m/s or rad/s].  acceleration: with which it sets in [m/s^2 or
     rad/s^2], rate * recovery by default.
     """
 
@@ -58,7 +58,7 @@ class _Barrier(Inequality):
     ) -> tuple[Vec, Vec]:
         """(lower, upper) ``(m,)`` of J x, infinite where there is no bound.
 
-        velocity, acceleration: of the reference, zero by default.
+        velocity, acceleration: motion of the reference, zero by default.
         """
         lower, upper = (np.atleast_1d(np.asarray(way, dtype=np.float64)) for way in self.bounds(state, *steer))
         u, a = self.carried(state, velocity, acceleration, *steer)

@@ -32,27 +32,26 @@ class CollisionAvoidance(Inequality):
 
         a(h) = rate h / (1 - (d / influence)^4)  outside,    a(h) = -b(h)  inside,
 
-    J v = n . (v_b - v_a) at the nearest points, n from a to b.  Inside, a pair alone comes out at b = min(rate |h|,
-    recovery).  Several may exclude each other: of those that have a body or a shape in common the deepest, at H, comes
-    out so, at b(H), and the others at b(h) = b(H) - rate (h - H) / 2, not above rate |h| nor below -rate |h|.
-    Where x is an acceleration, J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide:
-    poles at twice the rate (capsules side by side slide from end to end at once: that counts with a bound).
-    A row is free beyond the influence and comes in without a jump.  d is between the robot's capsules
-    (``robot.capsules``, of what moves) and those of its other links, or the shapes of ``world``, such as a fixed base.
+    J v = n. (v_b - v_a) at the nearest points, n from a to b.  Inside, a pair alone comes out at b = min(rate |h|,
+    recovery).  Several may exclude each other: among those with a common body or shape the deepest, at H, comes out so,
+    at b(H), and the others at b(h) = b(H) - rate (h - H) / 2, not above rate |h| nor below -rate |h|.  For
+    accelerations, J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide: poles at twice
+    the rate (capsules side by side slide from end to end at once: this counts with a bound).  A row is free beyond the
+    influence and comes in without a jump.  d is between the robot's capsules (``robot.capsules``, of moving links) and
+    those of its other links, or the shapes of ``world``, such as a fixed base.
 
-    Shapes of the world move as ``at`` says: with w the rate of the distance by that, each row is J v >= -a(h) - w.
+    ``at`` moves shapes of the world: with w the rate of the distance by that, each row is J v >= -a(h) - w.
 
-    pairs: ``"auto"``, all links that are more than three joints apart and apart at home, without those that the SRDF
-    of the robot's URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
+    pairs: ``"auto"``, all links that are more than three joints apart and apart at home, without those that the SRDF of
+    the robot's URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
     another SRDF; ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
-    clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: of d, above the clearance.
-    rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets in, rate *
-    recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while it is near), 64
-    or as many as there may be by default.  Capsules side by side have rows for their ends as well, which fade out
-    from 10 to 20 degrees.
-    In ``subject_to`` rows stand below contacts and joint limits, so that a pair that cannot be kept apart does not
-    cost the feet; as a member of a level they are kept as well as its priority allows.
-    Raises DeclarationError for fields and for pairs that name nothing, ModelError for a robot without shapes.
+    clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: largest d with a row, above the
+    clearance.  rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
+    in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while it is
+    near), 64 or as many as there may be by default.  Capsules side by side have rows for their ends as well, which fade
+    out from 10 to 20 degrees.  In ``subject_to`` rows stand below contacts and joint limits, so that a pair that cannot
+    be kept apart does not cost the feet; in a level they are kept if its priority allows.  Raises DeclarationError for
+    fields and for pairs that name nothing, ModelError for a robot without shapes.
     """
 
     steered: ClassVar[bool] = True
@@ -120,14 +119,14 @@ class CollisionAvoidance(Inequality):
     def at(self, poses: Mapping[str, Any], velocity: Mapping[str, Any] | None = None) -> Reference:
         """Shapes of the world at poses ``(4, 4)`` or positions ``(3,)`` [m], by name; the others as declared.
 
-        velocity: of shapes that move, ``(3,)`` of the origin [m/s], or ``(6,)`` with the angular velocity [rad/s],
-        world axes; it does not change within the tick.  Raises DeclarationError for an unknown name, and for a pose or
-        a velocity that is none.
+        velocity: velocity of moving shapes, ``(3,)`` of the origin [m/s], or ``(6,)`` with the angular velocity
+        [rad/s], world axes; it does not change within the tick.  Raises DeclarationError for an unknown name or an
+        invalid pose or velocity.
         """
         return Reference(self.name, collision_world.moved(self, poses, {} if velocity is None else velocity))
 
     def near(self, state: State, value: Mat | None = None) -> list[Near | None]:
-        """What is in each slot: its pair or end, distance, normal and nearest point; None for a free slot."""
+        """Content of each slot: its pair or end, distance, normal and nearest point; None for a free slot."""
         return scene(self, state.robot).update(state, self.poses(value))
 
     def distance(self, state: State, value: Mat | None = None) -> Vec:
@@ -145,7 +144,7 @@ class CollisionAvoidance(Inequality):
         return J
 
     def drift(self, state: State, value: Mat | None = None) -> Vec:
-        """dJ/dt v ``(m,)``: how the rate of each distance changes at zero acceleration, nearest points sliding."""
+        """dJ/dt v ``(m,)``: change of each distance rate at zero acceleration, nearest points sliding."""
         motions, drift = self._motions(state, value), np.zeros(self.rows(state.robot))
         for i, found in enumerate(self.near(state, value)):
             if found is not None:
@@ -181,7 +180,7 @@ class CollisionAvoidance(Inequality):
         return min(-self.rate * h, max(self.rate * h, most - HELD * self.rate * (h - H))), most
 
     def _loose(self, found: Near) -> float:
-        """How far the bound of a row that fades is below that of a full row [m/s]."""
+        """Offset of the bound of a fading row below that of a full row [m/s]."""
         return self.rate * self.influence * (1.0 / found.fade - 1.0)
 
     def braking(self, found: Near, speed: float) -> float:
@@ -198,7 +197,7 @@ class CollisionAvoidance(Inequality):
         return -(fast + self.rate) * speed - fast * (self.rate * way + self._loose(found))
 
     def bounds(self, state: State, value: Mat | None = None) -> tuple[Vec, float]:
-        """(clearance - d, inf): how far distances may still go ``(m,)`` [m], -inf in a free slot."""
+        """(clearance - d, inf): remaining decrease of each distance ``(m,)`` [m], -inf in a free slot."""
         near = self.near(state, value)
         return np.array([-math.inf if n is None else n.clearance - n.distance for n in near]), math.inf
 

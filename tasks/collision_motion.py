@@ -1,4 +1,4 @@
-"""How shapes of a collision scene move: rates of distances by the world's motion, and their drift."""
+"""Motion of shapes in a collision scene: rates of distances by the world's motion, and their drift."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Motions:
     def drift(self, found: Near) -> float:
         """Change of the rate of a pair's distance at zero acceleration [m/s^2], by differences over 2 STEP.
 
-        Where the nearest point or the normal jumps in between, that of the points that are nearest now.
+        If the nearest point or the normal jumps in between, use the drift of the points that are nearest now.
         """
         sliding = self._sliding(found)
         return self._held(found) if sliding is None else sliding
@@ -72,7 +72,7 @@ class Motions:
     def counted(self, found: Near, outset: float) -> float:
         """The drift that a row counts with: d + clip(drift - d, SLIDE outset / beside), d of the points nearest now.
 
-        Of capsules side by side the nearest point may slide from end to end in one tick; the ends have rows of their
+        For capsules side by side the nearest point may slide from end to end in one tick; the ends have rows of their
         own, which see it.
         """
         drift = self._sliding(found)

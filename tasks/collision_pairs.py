@@ -1,4 +1,4 @@
-"""Which pairs of shapes may collide: links far enough apart in the tree, or pairs that the user names."""
+"""Pairs of shapes that may collide: links far enough apart in the tree, or pairs that the user names."""
 
 from __future__ import annotations
 

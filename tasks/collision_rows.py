@@ -1,4 +1,4 @@
-"""What has a row of a collision scene: pairs that are near, each in its slot."""
+"""Rows of a collision scene: pairs that are near, each in its slot."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hqp.arrays import Vec
 class Near(NamedTuple):
     """A row's number, distance and clearance [m], normal, nearest point of its first axis.
 
-    pair: that of the pair, or of an end of one of its capsules, see ``Scene``.  fade: its share, of the row of an end.
-    beside: the share of the rows of a pair's ends, of the pair's own.  deepest: the least distance less
-    clearance of the pairs that have a body or a shape in common with it, itself included, at most 0 [m].
+    pair: the pair, or an end of one of its capsules, see ``Scene``.  fade: its share, of the row of an end.  beside:
+    the share of the rows of a pair's ends, of the pair's own.  deepest: the least distance less clearance of the pairs
+    that have a body or a shape in common with it, itself included, at most 0 [m].
     """
 
     pair: int

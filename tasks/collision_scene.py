@@ -49,10 +49,10 @@ def scene(element: CollisionAvoidance, robot: Robot) -> Scene:
 class Scene:
     """Shapes (capsules of links, then the world's), pairs of them ``(n, 2)`` with clearances, and slots.
 
-    slots ``(m,)`` holds the number of what has each row, -1 for none; the native operation writes it too.  That is the
-    number n of a pair, or, with N pairs, n + k N for an end of its capsules, k = 1 and 2 of the first, 3 and 4 of the
-    second.  The nearest point of capsules side by side jumps from one end to the other, and commands alternate where
-    only that point has a row.
+    slots ``(m,)`` holds the number of the pair or end in each row, -1 for none; the native operation writes it too.
+    The number is n for a pair, or, with N pairs, n + k N for an end of its capsules, k = 1 and 2 of the first, 3 and 4
+    of the second.  The nearest point of capsules side by side jumps from one end to the other, and commands alternate
+    where only that point has a row.
     """
 
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
@@ -151,14 +151,14 @@ class Scene:
         return pose[:3, 3] - half, pose[:3, 3] + half
 
     def _length(self, k: int) -> float:
-        """Of the axis of a capsule [m]."""
+        """Length of the axis of a capsule [m]."""
         if k < self.links:
             return math.dist(self.capsules[k].a, self.capsules[k].b)
         shape = self.world[k - self.links]
         return shape.size[1] if shape.kind == "capsule" else 0.0
 
     def _sided(self, i: int, j: int) -> bool:
-        """Whether a pair may lie side by side."""
+        """Return true if a pair may lie side by side."""
         return self._is_capsule(j) and min(self._length(i), self._length(j)) > SHORT
 
     def fade(self, pair: int, poses: Mat, one: Any, two: Any) -> float:
@@ -170,7 +170,7 @@ class Scene:
         return distances.aligned(b - a, d - c)
 
     def update(self, state: State, poses: Mat) -> list[Near | None]:
-        """Measure what may be near, give it slots, and tell what is in each of them."""
+        """Measure pairs that may be near, assign slots, and return the content of each slot."""
         state.kinematics()
         ends = [self.ends(k) for k in range(self.links)]
         near: dict[int, Near] = {}
@@ -192,11 +192,11 @@ class Scene:
         return [n and n._replace(deepest=min(deepest[self._owner(k)] for k in self.pair(n.pair))) for n in rows]
 
     def _owner(self, k: int) -> int:
-        """What a shape moves with: its body, itself in the world."""
+        """Carrier of a shape: its body, itself in the world."""
         return self.body(k) or -1 - k
 
     def _deepest(self, near: Iterable[Near]) -> defaultdict[int, float]:
-        """By what moves: the least distance less clearance of its pairs, 0 where none is inside."""
+        """For each carrier, the least distance less clearance of its pairs, 0 where none is inside."""
         found: defaultdict[int, float] = defaultdict(float)
         for n in near:
             for k in self.pair(n.pair):

@@ -40,7 +40,7 @@ class Com(Task):
             raise self.invalid("subtree", self.subtree, "the name of a joint, or None for the whole robot")
 
     def rows(self, robot: Robot) -> int:
-        """As many as axes; raises JointNotFound, FrameNotFound."""
+        """Number of axes; raises JointNotFound, FrameNotFound."""
         self._part(robot)
         if self.relative_to is not None:
             robot.frame(self.relative_to)

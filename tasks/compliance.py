@@ -22,7 +22,7 @@ Numbers = float | Sequence[float]
 
 @dataclass(frozen=True, kw_only=True)
 class _Compliant(Position):
-    """What both have in common: a spring, a damper, and the force that moves them."""
+    """Common base: a spring, a damper, and the force that moves them."""
 
     stiffness: Numbers = 500.0
     damping: Numbers
@@ -38,7 +38,7 @@ class _Compliant(Position):
         object.__setattr__(self, "law", law)
 
     def _complete(self) -> None:
-        """What follows from the stiffness."""
+        """Check the stiffness and complete the fields that follow from it."""
 
     @abstractmethod
     def _law(self) -> Law:
@@ -58,7 +58,7 @@ class _Compliant(Position):
 
     @staticmethod
     def _kept(values: Vec) -> Numbers:
-        """As a field: a number or a tuple."""
+        """Return a field value: a number or a tuple."""
         found: float | list[float] = values.tolist()
         return tuple(found) if isinstance(found, list) else found
 
@@ -80,11 +80,11 @@ class Impedance(_Compliant):
 
         M (dv/dt - a_ref) + D (v - v_ref) + K (p - p_ref) = f - f_ref
 
-    rows J qdd + dJ/dt v = a_ref + (f - f_ref) / M - (D / M)(v - v_ref) - (K / M) e, a number each for every axis.
-    Where K is 0 the point follows f_ref: it comes to rest where the world bears it.  frame, axes, offset, relative_to,
-    heading: as of Position.  stiffness: K [N/m].  mass: M [kg].  damping: D [N s/m], 2 sqrt(K M) by default.
-    For accelerations and torques; where x is a torque, let an ``ExternalWrench`` tell the dynamics of the force too.
-    f is measured by a sensor or a MomentumObserver.  Raises DeclarationError for fields (Hogan 1985).
+    rows J qdd + dJ/dt v = a_ref + (f - f_ref) / M - (D / M)(v - v_ref) - (K / M) e, a number each for every axis.  If K
+    is 0 the point follows f_ref: it comes to rest where the world bears it.  frame, axes, offset, relative_to, heading:
+    see Position.  stiffness: K [N/m].  mass: M [kg].  damping: D [N s/m], 2 sqrt(K M) by default.  For accelerations
+    and torques; for torques, let an ``ExternalWrench`` pass the force to the dynamics too.  f is measured by a sensor
+    or a MomentumObserver.  Raises DeclarationError for fields (Hogan 1985).
     """
 
     damping: Numbers | None = None  # type: ignore[assignment]
@@ -122,10 +122,9 @@ class Admittance(_Compliant):
 
         D (v - v_ref) + K (p - p_ref) = f - f_ref,       rows J x = v_ref + (f - f_ref) / D - (K / D) e
 
-    a number each for every axis.  Where K is 0 the point moves at (f - f_ref) / D until the world bears f_ref; on a
-    surface of stiffness k f follows at k / D [1/s], so D is to be well above k times the delay of the loop.
-    Other fields and ``at`` as of ``Impedance``; damping: D [N s/m].  Raises DeclarationError for fields
-    (Whitney 1977).
+    a number each for every axis.  If K is 0 the point moves at (f - f_ref) / D until the world bears f_ref; on a
+    surface of stiffness k f follows at k / D [1/s], so D is to be well above k times the delay of the loop.  Other
+    fields and ``at`` as of ``Impedance``; damping: D [N s/m].  Raises DeclarationError for fields (Whitney 1977).
     """
 
     def _law(self) -> P:

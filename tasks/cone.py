@@ -26,13 +26,11 @@ STRAIGHT_BACK = 1e-3
 class Cone(_Barrier):
     """An axis u of a frame no further than an angle from where its task wants it, w: theta(u, w) <= angle, one row.
 
-    The way left is (cos theta - cos angle) / sin(angle) inside and angle - theta outside [rad], the same to first
-    order at the bound, and smooth where u and w agree.  task: an AlignAxis, w its direction, or a LookAt, w the
-    direction of its point, a gaze cone; the reference is the task's, by default what it holds at the first tick,
-    ``(3, 3)`` with its velocity and acceleration in the world.
-    angle [rad]: above 0, at most pi / 2.  rate [1/s], recovery [rad/s], acceleration [rad/s^2]: as of
-    ``Within``.
-    Raises DeclarationError for fields, FrameNotFound on binding.
+    The way left is (cos theta - cos angle) / sin(angle) inside and angle - theta outside [rad], the same to first order
+    at the bound, and smooth where u and w agree.  task: an AlignAxis, w its direction, or a LookAt, w the direction of
+    its point, a gaze cone; the reference is the task's, by default its hold value, ``(3, 3)`` with its velocity and
+    acceleration in the world.  angle [rad]: above 0, at most pi / 2.  rate [1/s], recovery [rad/s], acceleration
+    [rad/s^2]: see ``Within``.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
 
     steered: ClassVar[bool] = True
@@ -58,7 +56,7 @@ class Cone(_Barrier):
         return 1
 
     def hold(self, state: State) -> Reference:
-        """What the task holds, at rest."""
+        """Hold value of the task, at rest."""
         return self.at(self.task.hold(state).value)
 
     def at(self, value: Any, *, velocity: Any = None, acceleration: Any = None) -> Reference:
@@ -82,7 +80,7 @@ class Cone(_Barrier):
         return np.asarray(held)
 
     def carried(self, state: State, velocity: Any, acceleration: Any, *steer: Any) -> tuple[Any, Any]:
-        """Velocity ``(1,)`` of the bound where w turns by itself; what it accelerates is in the drift."""
+        """Velocity ``(1,)`` of the bound where w turns by itself; its acceleration is in the drift."""
         held = self._held(state, *(steer or (None,)))
         if not held[1:].any():
             return 0.0, 0.0
@@ -91,7 +89,7 @@ class Cone(_Barrier):
         return np.array([-(self.task.direction(state) @ turning) / self._scale(cosine, sine)]), 0.0
 
     def _scale(self, cosine: float, sine: float) -> float:
-        """What u x w is divided by: sin(angle) inside, sin(theta) outside."""
+        """Divisor of u x w: sin(angle) inside, sin(theta) outside."""
         inside = cosine >= math.cos(self.angle)
         return math.sin(self.angle) if inside else max(sine, STRAIGHT_BACK)
 
@@ -112,7 +110,7 @@ class Cone(_Barrier):
         return ((turn @ J[3:] - across @ J[:3] / d) / self._scale(cosine, sine))[None]
 
     def drift(self, state: State, reference: Any = None) -> Vec:
-        """dJ/dt v ``(1,)``, with what a w adds that moves by itself."""
+        """dJ/dt v ``(1,)``, including the motion of w."""
         cosine, sine, w, d, _ = self._parts(state, reference)
         u, rate, drift = self.task.direction(state), state.velocity(self.task.frame), state.drift(self.task.frame)
         omega = rate[3:]

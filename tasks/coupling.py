@@ -21,7 +21,7 @@ class JointCoupling(Task, Constraint):
     """A linear relation sum c_j q_j = offset of joints: e = c q - offset, J = c, one row.
 
     coefficients: by joint name, given as a mapping and kept as pairs; {"hip": 1.0, "thorax": -1.0} bends two joints
-    alike (Sentis 2012, eqs. 7, 8).  offset [rad or m]: held whatever the first state was; the error is fed back, so
+    alike (Sentis 2012, eqs. 7, 8).  offset [rad or m]: held regardless of the first state; the error is fed back, so
     nothing drifts.  Raises DeclarationError for fields, JointNotFound on binding.
     """
 
@@ -82,7 +82,7 @@ class JointCoupling(Task, Constraint):
         return np.zeros(1)
 
     def hold(self, state: State) -> Reference:
-        """The offset, not what the joints are at."""
+        """Return the offset instead of the present value."""
         return Reference(self.name, np.array([self.offset]))
 
     def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:

@@ -20,7 +20,7 @@ from .fields import check_frame, set_vector
 from .relative import UPRIGHT, skew
 
 AHEAD = 1.0
-"""How far ahead the point is that a gaze is held at [m]."""
+"""Distance of the point at which a gaze is held [m]."""
 NEAR = 1e-6
 """Least distance of a point that is looked at, and of two frames, to which there is a direction [m]."""
 
@@ -188,7 +188,7 @@ class LookAt(_Axis):
 class Distance(Task):
     """The distance of two frames' origins: d = |p - p_other|, J = n . (J_p - J_other), n from the other to the frame,
 
-    drift n . (a - a_other) + |v_across|^2 / d.  Where they meet, n is the world's x.
+    drift n. (a - a_other) + |v_across|^2 / d.  If they meet, n is the world's x.
 
     frame, other: names of frames, not the same.  Reference ``(1,)`` [m].
     Raises DeclarationError for fields, FrameNotFound on binding.

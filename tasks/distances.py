@@ -14,7 +14,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, cross
 
 PARALLEL = 1e-9
-"""Squared sine below which two axes count as parallel: the middle of what they share is then nearest."""
+"""Squared sine below which two axes count as parallel: the middle of their common part is then nearest."""
 TOUCHING = 1e-9
 """Distance of two axes below which they give no normal [m]."""
 
@@ -61,7 +61,7 @@ def nearest(a: Vec, b: Vec, c: Vec, d: Vec) -> tuple[float, float]:
 
 
 def aligned(u: Vec, v: Vec) -> float:
-    """How far two axes lie side by side: 1 where they are parallel within 10 degrees, 0 beyond 20."""
+    """Return how far two axes lie side by side: 1 where they are parallel within 10 degrees, 0 beyond 20."""
     square = 1.0 - float(u @ v) ** 2 / float((u @ u) * (v @ v))
     return min(1.0, max(0.0, (ACROSS - square) / (ACROSS - ALIGNED)))
 

@@ -20,13 +20,12 @@ from .relative import skew
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeContact(Task, Constraint):
-    """An edge of a frame stays put, free to turn about itself: five rows, what two of its points would give.
+    """An edge of a frame stays put, free to turn about itself: five rows, those of two of its points.
 
-    axis: the edge's direction in the frame's axes, through its origin: "x", "y", "z" or ``(3,)``.  Rows: J_v in
-    world axes, then B^T R^T J_omega, B ``(3, 2)`` an orthonormal complement of the axis a in the frame.
-    e = ``[p - p_0, B^T R^T (a_0 x R a)]`` [m, rad] for small angles, whatever the rotation about the edge.  Position
-    and direction at the first tick ``(6,)`` are held.
-    Raises DeclarationError for fields, FrameNotFound on binding (Mistry 2008, condition 3).
+    axis: the edge's direction in the frame's axes, through its origin: "x", "y", "z" or ``(3,)``.  Rows: J_v in world
+    axes, then B^T R^T J_omega, B ``(3, 2)`` an orthonormal complement of the axis a in the frame.  e = ``[p - p_0, B^T
+    R^T (a_0 x R a)]`` [m, rad] for small angles, for any rotation about the edge.  Position and direction at the first
+    tick ``(6,)`` are held.  Raises DeclarationError for fields, FrameNotFound on binding (Mistry 2008, condition 3).
     """
 
     is_contact: ClassVar[bool] = True

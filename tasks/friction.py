@@ -1,4 +1,4 @@
-"""What contact forces may be: pushing only, inside the friction cone, inside the sole."""
+"""Limits of contact forces: pushing only, inside the friction cone, inside the sole."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _ContactForce(Constraint):
         super().__post_init__()
 
     def default_name(self) -> str:
-        """The contact's name and what is asked of its force."""
+        """The contact's name and the kind of limit."""
         return f"{self.contact}_{self.suffix}"
 
     @abstractmethod
@@ -85,15 +85,14 @@ class UnilateralContact(_ContactForce):
 class FrictionCone(_ContactForce):
     """No slip: the tangential force stays inside a pyramid inside the cone |f_t| <= mu f_z, one row an edge.
 
-    With edge directions at 2 pi i / edges from x, the face between two of them asks
-    cos(b) f_x + sin(b) f_y <= mu cos(pi / edges) f_z, b halfway: conservative, exact along the edge directions, so
-    also along x (and with an even number of edges along -x, with a multiple of four along y).  f_z >= 0 is implied.
-    mu: friction coefficient.  edges: at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows,
-    divided by torsion, so that they are in N as the others are (a torsion of zero leaves |m_z| <= 0 in N m);
-    None asks nothing of m_z.  sole: (x_min, x_max, y_min, y_max) [m] in its place: m_z is what forces in these
-    four corners can give, each inside the square |f_x|, |f_y| <= mu / sqrt(2) f_z inside its cone, so less the nearer
-    the centre of pressure is to an edge, none in a corner; eight rows (Caron, Pham, Nakamura 2015, eq. 19).
-    Raises DeclarationError for fields.
+    With edge directions at 2 pi i / edges from x, the face between two of them requires cos(b) f_x + sin(b) f_y <= mu
+    cos(pi / edges) f_z, b halfway: conservative, exact along the edge directions, so also along x (and with an even
+    number of edges along -x, with a multiple of four along y).  f_z >= 0 is implied.  mu: friction coefficient.  edges:
+    at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows, divided by torsion, so that they are in
+    N as the others are (a torsion of zero leaves |m_z| <= 0 in N m); None leaves m_z free.  sole: (x_min, x_max, y_min,
+    y_max) [m] in its place: m_z is limited by forces in these four corners, each inside the square |f_x|, |f_y| <= mu /
+    sqrt(2) f_z inside its cone, so it is smaller near an edge and zero with the centre of pressure in a corner; eight
+    rows (Caron, Pham, Nakamura 2015, eq. 19).  Raises DeclarationError for fields.
     """
 
     suffix: ClassVar[str] = "friction"
@@ -148,9 +147,9 @@ class FrictionCone(_ContactForce):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceLimits(_ContactForce):
-    """What a contact, a Weld or a coupling may bear: |f_i| <= force, |m_i| <= moment, a row a component.
+    """Limits on the force of a contact, a Weld or a coupling: |f_i| <= force, |m_i| <= moment, a row a component.
 
-    force [N] and moment [N m]: None asks nothing; a coupling has one component, which ``force`` bounds, [N m] between
+    force [N] and moment [N m]: None sets no bound; a coupling has one component, which ``force`` bounds, [N m] between
     turning joints.  The axes are the contact's, of a Weld those of its ``relative_to``.  Raises DeclarationError for
     fields, and for a moment where the constraint has none.
     """
@@ -182,9 +181,9 @@ class ForceLimits(_ContactForce):
 class CenterOfPressure(_ContactForce):
     """No tipping: the centre of pressure (-m_y, m_x) / f_z stays inside a convex polygon, one row a side.
 
-    For a side from a to b, counter-clockwise, with unit outward normal n: ((n . a) f_z + n_x m_y - n_y m_x) / h >= 0
+    For a side from a to b, counter-clockwise, with unit outward normal n: ((n. a) f_z + n_x m_y - n_y m_x) / h >= 0
     [N], h half the longer side of the polygon's box, so that it weighs as much as friction where not all can hold; all
-    sides together ask f_z >= 0.  Exactly one of rectangle: (x_min, x_max, y_min, y_max), and polygon: at least
+    sides together require f_z >= 0.  Exactly one of rectangle: (x_min, x_max, y_min, y_max), and polygon: at least
     three corners (x, y) in order, in the contact frame [m].  Raises DeclarationError for fields.
     """
 
@@ -266,7 +265,7 @@ def _area(corners: tuple[tuple[float, float], ...]) -> float:
 
 
 def _convex(corners: tuple[tuple[float, float], ...]) -> bool:
-    """Whether every corner turns left, once around."""
+    """Return true if every corner turns left, once around."""
     n, turning = len(corners), 0.0
     for i in range(n):
         (a, b), (c, d), (e, f) = corners[i], corners[(i + 1) % n], corners[(i + 2) % n]

@@ -58,7 +58,7 @@ class Frozen(Inequality):
         return columns
 
     def hold(self, state: State) -> Reference:
-        """Where the joints are ``(k,)`` [rad or m]."""
+        """Joint positions ``(k,)`` [rad or m]."""
         return Reference(self.name, state.angles[self.selection(state.robot)])
 
     def jacobian(self, state: State, places: Vec | None = None) -> Mat:

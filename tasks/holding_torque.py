@@ -1,4 +1,4 @@
-"""What it takes to hold joints against gravity."""
+"""Torque that holds joints against gravity."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class HoldingTorque(Task):
     other wrenches are left out: name joints that carry none.  ``Within(HoldingTorque(joints="torso"), lower=-0.8,
     upper=0.8)`` keeps a robot where its motors can hold it; at torque level a session adds this to ``TorqueLimits``.
 
-    joints: of one axis, with a motor that has a limit, or groups of them; all such by default.  Raises
+    joints: joints of one axis, with a motor that has a limit, or groups of them; all such by default.  Raises
     DeclarationError for fields and other joints, JointNotFound on binding.
     """
 
@@ -120,12 +120,12 @@ def _chain(robot: Robot, body: int) -> Iterator[int]:
 
 
 def _mass(state: State, part: int) -> float:
-    """Of all that a body carries, with itself [kg]."""
+    """Mass of each body's subtree [kg]."""
     robot = state.robot
     own = sum(mass for b, (*_, mass, _, _) in enumerate(robot.bodies) if part in _chain(robot, b))
     return own + sum(m for frame, m, _ in state.loads if part in _chain(robot, robot.body(robot.frame(frame))))
 
 
 def _moved(state: State, part: int) -> Mat:
-    """Mass times velocity of the centre of mass of what a body carries, per coordinate ``(3, nv)``."""
+    """Mass times velocity of the centre of mass of a body's subtree, per coordinate ``(3, nv)``."""
     return _mass(state, part) * state.com_jacobian(part)

@@ -37,21 +37,20 @@ class JointLimits(Inequality):
 
         u <= min(v_max, f(d)),    f(d) = b (sqrt(T^2 + 2 d / b) - T),    T = max(dt, 1 / k),
 
-    where f^2 / (2 b) + T f = d: after the step the joint can still stop in time at b, step by step, the braking
-    curve.  Its last part is d' = -k d: noise of d changes u by k times as much, no more.  From outside,
-    d < 0, it comes back at least at min(return_velocity, v_max, f(-d)), bounded and at rest on the limit.  With a,
-    the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
-    end of the window nearest to it, so that the box is never empty; a note names a joint that will pass its position
-    limit by that, and by how much.  v is the velocity of the state; at velocity level it is the command
-    that the session sent last, for a measured one lags behind.  Where x is an acceleration the bounds
-    are those of u = v + dt x, and top speed, braking curve and return are neared at the rate k, so that they set in
-    gradually:
+    solution of f^2 / (2 b) + T f = d: after the step the joint can still stop in time at b, step by step, the braking
+    curve.  Its last part is d' = -k d: noise of d changes u by k times as much, no more.  From outside, d < 0, it comes
+    back at least at min(return_velocity, v_max, f(-d)), bounded and at rest on the limit.  With a, the acceleration
+    window, the box is then clipped into [v - a dt, v + a dt]; if the two are disjoint it is the end of the window
+    nearest to it, so that the box is never empty; a note names a joint that will pass its position limit by that, and
+    by how much.  v is the velocity of the state; at velocity level it is the command that the session sent last, for a
+    measured one lags behind.  For accelerations the bounds are those of u = v + dt x, and top speed, braking curve and
+    return are approached at the rate k, so that they set in gradually:
 
         x <= k (v_max - v),    x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b T), the slope of the curve.
 
-    At torque level contacts and couplings take a part of v away by themselves, whatever the motors do: what J v is off
-    the velocity of their references, J v - r, by their laws' damping kd.  No joint has to brake that, and none of a
-    leg that carries weight could: with k the approach
+    At torque level contacts and couplings remove a part of v by themselves, regardless of the motors: J v minus the
+    velocity of their references, J v - r, by their laws' damping kd.  No joint has to brake that, and none of a leg
+    that carries weight could: with k the approach
 
         x <= bound(v - w) - a,    w = Jbar min(1, kd / k) (J v - r),    a = Jbar kd min(1, kd / k) (J v - r),
 
@@ -59,12 +58,12 @@ class JointLimits(Inequality):
 
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
-    joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.
-    acceleration [rad/s^2 or m/s^2]: a.  The default of 50 is lowered, joint by joint, to what the robot's data
-    allow: effort limit / inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.
-    braking [rad/s^2 or m/s^2]: b, at most a (a joint brakes inside its window).  0 or None switches either off:
-    without both f(d) = d / dt.  approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity [rad/s or m/s].
-    Raises DeclarationError for fields and for a margin that leaves no room, JointNotFound on binding.
+    joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.  acceleration [rad/s^2
+    or m/s^2]: a.  The default of 50 is lowered for each joint to the value that the robot's data allow: effort limit /
+    inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.  braking [rad/s^2 or m/s^2]:
+    b, at most a (a joint brakes inside its window).  0 or None switches either off: without both f(d) = d / dt.
+    approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity [rad/s or m/s].  Raises DeclarationError for
+    fields and for a margin that leaves no room, JointNotFound on binding.
     """
 
     joints: str | Sequence[str] | None = None
@@ -81,7 +80,7 @@ class JointLimits(Inequality):
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
         for name in ("acceleration", "braking", "approach"):
             value = getattr(self, name)
-            object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot say None
+            object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot express None
             check_number(self, name, getattr(self, name), 0.0)
 
     def rows(self, robot: Robot) -> int:
@@ -142,7 +141,7 @@ class JointLimits(Inequality):
         return (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
 
     def bound_kinds(self, state: State, v: Vec, dt: float) -> tuple[tuple[str, str], ...]:
-        """Of each joint (lower, upper): ``acceleration`` at an end of the window, ``speed``, ``""`` for position."""
+        """For each joint (lower, upper): ``acceleration`` at an end of the window, ``speed``, ``""`` for position."""
         picked = self.selection(state.robot)
         v, speed = v[picked], state.robot.velocity_limit[picked]
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)

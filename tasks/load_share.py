@@ -1,4 +1,4 @@
-"""How two contacts share what they bear together."""
+"""Distribution of a common load between two contacts."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class LoadShare(Element):
 
         (1 - s) w_2 - s w_1 = 0,    w_i = (f_i, m_i / a),
 
-    six rows [N], f_i and m_i force and moment about the middle of contact i in world axes.  With them
-    w_1 = (1 - s) w and w_2 = s w for the whole wrench w about the point (1 - s) p_1 + s p_2 between the middles:
-    whatever the motion asks of w, one s determines all twelve components, and no level above is ever in its way but for
-    limits of the forces.  At s = 0 the second contact bears nothing and may be released.
+    six rows [N], f_i and m_i force and moment about the middle of contact i in world axes.  With them w_1 = (1 - s) w
+    and w_2 = s w for the whole wrench w about the point (1 - s) p_1 + s p_2 between the middles: for any w of the
+    motion, one s determines all twelve components, and only limits of the forces can conflict with it.  At s = 0 the
+    second contact bears nothing and may be released.
 
     contacts: two, by name.  share: s without a reference; ``at(share)`` for one tick.  a [m]: ``arm``.  middles:
     ((x, y), (x, y)) in the contact frames [m], those of the contacts' CenterOfPressure in the stack by default, else
@@ -65,7 +65,7 @@ class LoadShare(Element):
         return "load_share"
 
     def among(self, elements: Sequence[Element]) -> Element:
-        """The same with the middles of the contacts' centres of pressure."""
+        """Return the element with the middles of the contacts' centres of pressure."""
         if self.middles:
             return self
         found = {e.contact: e.corners() for e in elements if isinstance(e, CenterOfPressure)}

@@ -1,4 +1,4 @@
-"""What acts on the robot besides its contacts and is known: wrenches from outside, things it carries."""
+"""Known forces on the robot besides its contacts: wrenches from outside, things it carries."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Load(Element):
 
     quantity: ClassVar[Quantity] = "load"
     is_mass: ClassVar[bool] = False
-    """Whether centres of mass see it, so that it says something to controllers of velocities and accelerations."""
+    """True if it changes centres of mass, so that it affects controllers of velocities and accelerations."""
 
     frame: str
 
@@ -44,16 +44,16 @@ class _Load(Element):
 
     @abstractmethod
     def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
-        """What it adds to A ``(nv, nv)`` (None for nothing), to b + g and to g, ``(nv,)`` each."""
+        """Contributions to A ``(nv, nv)`` (None for nothing), to b + g and to g, ``(nv,)`` each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalWrench(_Load):
     """A wrench w on a frame from outside, measured or known: A qdd + b + g = U^T tau + J_c^T f + J^T w.
 
-    ``at(wrench)`` says it each tick, force and moment ``(6,)`` [N, N m] at the frame's origin, zero without: in world
-    axes, or in the frame's with local.  The dynamics, the forces of contacts, gravity compensation and what is sent
-    at rest see it; without ``resisted`` the last two do not, and a person who pulls at the frame moves the robot.  In
+    ``at(wrench)`` sets it each tick, force and moment ``(6,)`` [N, N m] at the frame's origin, zero without: in world
+    axes, or in the frame's with local.  The dynamics, the forces of contacts, gravity compensation and the command at
+    rest include it; without ``resisted`` the last two do not, and a person who pulls at the frame moves the robot.  In
     ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
 
@@ -96,11 +96,11 @@ class ExternalWrench(_Load):
 class Payload(_Load):
     """A point mass m carried at a point of a frame: A + m J_p^T J_p, b + g + m J_p^T (dJ_p/dt v - gravity).
 
-    ``at(mass, com)`` says each tick what is carried [kg] and where, ``(3,)`` [m] in the frame's axes; mass and com are
-    what it is without.  The dynamics, the forces of contacts, gravity compensation, what is sent at rest, and centres
-    of mass and momenta (Com, SupportPolygon, Momentum) see it.  A negative mass is less than the model has.  Its own
-    moments of inertia are left out.  In ``subject_to``; where x is a velocity or an acceleration centres of mass and
-    momenta alone see it.  Raises DeclarationError for fields, FrameNotFound on binding.
+    ``at(mass, com)`` sets the mass [kg] and the centre ``(3,)`` [m] in the frame's axes for one tick; the fields mass
+    and com are the default.  The dynamics, the forces of contacts, gravity compensation, the command at rest, and
+    centres of mass and momenta (Com, SupportPolygon, Momentum) include it.  A negative mass is less than the model has.
+    Its own moments of inertia are left out.  In ``subject_to``; for velocities or accelerations only centres of mass
+    and momenta include it.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
 
     is_mass: ClassVar[bool] = True
@@ -118,11 +118,11 @@ class Payload(_Load):
         return f"{self.frame}_payload"
 
     def hold(self, state: State) -> Reference:
-        """What was declared."""
+        """The declared mass and centre."""
         return Reference(self.name, np.array([self.mass, *self.com]))
 
     def at(self, mass: float, com: ArrayLike | None = None) -> Reference:
-        """What is carried in this tick [kg], and where ``(3,)`` [m]; raises DeclarationError for shapes."""
+        """Mass in this tick [kg], and its centre ``(3,)`` [m]; raises DeclarationError for shapes."""
         where = numbers(self.name, "com", self.com if com is None else com, (3,))
         return Reference(self.name, np.concatenate((numbers(self.name, "mass", [mass], (1,)), where)))
 

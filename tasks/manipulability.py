@@ -1,4 +1,4 @@
-"""How far a frame is from a singular posture."""
+"""Distance of a frame from a singular posture."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Manipulability(Task):
     dJ/dq_i by the kinematic Hessian: omega_i x J_j in both parts for i before j, and omega_j x v_i in the linear part
     otherwise.  Raise it with ``at(w_ref)``, or keep it above a value with ``Within(Manipulability(...), lower=0.02)``.
 
-    linear, angular: the rows of J that count, letters of "xyz", world axes; either may be empty.  Units are those of
-    J: m and rad are mixed where both count.  Where J J^T is singular the row is zero.  Raises DeclarationError for
-    fields and where fewer joints move the frame than rows count, FrameNotFound on binding (Yoshikawa 1985, eq. 11).
+    linear, angular: the rows of J that count, letters of "xyz", world axes; either may be empty.  Units are those of J:
+    m and rad are mixed where both count.  If J J^T is singular the row is zero.  Raises DeclarationError for fields and
+    where fewer joints move the frame than rows count, FrameNotFound on binding (Yoshikawa 1985, eq. 11).
     """
 
     frame: str
@@ -125,7 +125,7 @@ class Manipulability(Task):
 def _derivatives(state: State, frame: str) -> tuple[Mat, Mat]:
     """First and second time derivative of a frame's Jacobian ``(6, nv)`` at zero acceleration.
 
-    Those of the twists, taken from the world's origin to the frame's.
+    Derivatives of the twists, moved from the world's origin to the frame's.
     """
     robot = state.robot
     V, A, first, second = twist_derivatives(state)

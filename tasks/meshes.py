@@ -1,4 +1,4 @@
-"""Distances between a capsule and a mesh, by coal: convex hulls with the depth of what overlaps, or triangles."""
+"""Distances between a capsule and a mesh, by coal: convex hulls with penetration depth, or triangles."""
 
 from __future__ import annotations
 

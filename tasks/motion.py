@@ -22,7 +22,7 @@ from .fields import check_axes, check_number, indices, joint_columns, set_names
 class _RateTask(Task):
     """A velocity that is wanted for itself: e = 0, so that J x is the reference's velocity, zero by default.
 
-    Where x is an acceleration, J x = a_ref - kd (J v - v_ref) - dJ/dt v.  A base class for tasks of one's own.
+    For accelerations, J x = a_ref - kd (J v - v_ref) - dJ/dt v.  A base class for tasks of one's own.
     """
 
     def value(self, state: State) -> Vec:
@@ -46,8 +46,8 @@ class _RateTask(Task):
 class JointVelocity(_RateTask):
     """Velocities of joints: x_j = v_ref ``(k,)`` [rad/s or m/s], zero by default, which damps those joints.
 
-    joints: joints or groups, all by default.  Where x is an acceleration x_j = a_ref - kd (v_j - v_ref).
-    Raises DeclarationError for fields, JointNotFound on binding.
+    joints: joints or groups, all by default.  For accelerations x_j = a_ref - kd (v_j - v_ref).  Raises
+    DeclarationError for fields, JointNotFound on binding.
     """
 
     units: ClassVar[tuple[Unit, ...]] = ("rad",)
@@ -85,10 +85,10 @@ class JointVelocity(_RateTask):
 
 @dataclass(frozen=True, kw_only=True)
 class LowAcceleration(Task):
-    """As little change of velocity as possible: x = v_last, where x is an acceleration x = 0; no law, no reference.
+    """Least change of velocity: x = v_last, where x is an acceleration x = 0; no law, no reference.
 
-    nv rows; v_last is the velocity that was sent last, or that of the state.  A task for a low level: in what the
-    levels above leave free the robot goes on as it was, and comes to rest only where something else says so.
+    nv rows; v_last is the velocity that was sent last, or that of the state.  A task for a low level: in the null space
+    of the levels above the robot continues its motion, and comes to rest only if another element demands it.
     """
 
     def rows(self, robot: Robot) -> int:
@@ -104,7 +104,7 @@ class LowAcceleration(Task):
         return np.zeros(state.robot.nv)
 
     def error(self, state: State, reference: Any) -> Vec:
-        """Zero ``(nv,)``, whatever the reference."""
+        """Zero ``(nv,)`` for any reference."""
         return np.zeros(state.robot.nv)
 
     def hold(self, state: State) -> Reference:
@@ -134,8 +134,8 @@ class LowAcceleration(Task):
 class Damping(_RateTask):
     """The whole motion damped: J = 1, or with kinetic_energy J = L^T with A = L L^T, |J v|^2 / 2 the kinetic energy.
 
-    nv rows; e = 0 and the reference zero, so that x = 0 at velocity level; where x is an acceleration
-    J x = -kd J v - dJ/dt v.  Raises DeclarationError for fields.
+    nv rows; e = 0 and the reference zero, so that x = 0 at velocity level; for accelerations J x = -kd J v - dJ/dt v.
+    Raises DeclarationError for fields.
     """
 
     kinetic_energy: bool = False
@@ -180,8 +180,8 @@ class Damping(_RateTask):
 class Momentum(_RateTask):
     """Centroidal momentum: A(q) x = h_ref, linear m c' [kg m/s] and angular about the centre of mass [kg m^2/s],
 
-    world axes; where x is an acceleration A x = h'_ref - kd (A v - h_ref) - dA/dt v.  The reference is zero by
-    default, ``at(velocity=h_ref, acceleration=h'_ref)`` gives another.
+    world axes; for accelerations A x = h'_ref - kd (A v - h_ref) - dA/dt v.  The reference is zero by default,
+    ``at(velocity=h_ref, acceleration=h'_ref)`` gives another.
 
     linear, angular: the axes controlled, k letters of "xyz" in all; either may be empty.
     Raises DeclarationError for fields (Orin and Goswami 2008, eq. 14).
@@ -200,7 +200,7 @@ class Momentum(_RateTask):
         return [*indices(self.linear or ""), *(3 + i for i in indices(self.angular or ""))]
 
     def rows(self, robot: Robot) -> int:
-        """As many as axes."""
+        """Number of axes."""
         return len(self._picked())
 
     def jacobian(self, state: State) -> Mat:
@@ -224,8 +224,8 @@ class Momentum(_RateTask):
 class BaseVelocityLimits(Inequality):
     """Speed of a free base: |v| <= linear [m/s] and |omega| <= angular [rad/s], along each axis of the base.
 
-    Where x is an acceleration the bounds are those of v + dt x.  Raises DeclarationError for fields, and on binding
-    to a robot whose base is fixed.
+    For accelerations the bounds are on v + dt x.  Raises DeclarationError for fields, and on binding to a robot whose
+    base is fixed.
     """
 
     linear: float = 1.0

@@ -1,4 +1,4 @@
-"""Limits of motors: of their torque, and of their torque at the speed they turn with."""
+"""Limits of motors: torque limits, constant or dependent on the joint speed."""
 
 from __future__ import annotations
 

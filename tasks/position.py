@@ -42,7 +42,7 @@ class Position(Task):
         set_vector(self, "offset")
 
     def rows(self, robot: Robot) -> int:
-        """As many as axes; raises FrameNotFound."""
+        """Number of axes; raises FrameNotFound."""
         robot.frame(self.frame)
         if self.relative_to is not None:
             robot.frame(self.relative_to)

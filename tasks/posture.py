@@ -77,7 +77,7 @@ class Posture(Task):
     def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Target ``(k,)`` [rad or m] with velocity and acceleration, all of one length; raises DeclarationError.
 
-        k is the robot's where ``joints`` names groups or nothing: whether it fits shows when the robot is there.
+        k is the robot's where ``joints`` names groups or nothing: a misfit shows when the robot is known.
         """
         size = next((np.size(x) for x in (value, velocity, acceleration) if x is not None), 0)
         array = None if value is None else numbers(self.name, "value", value, (size,))

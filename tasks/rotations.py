@@ -1,4 +1,4 @@
-"""Rotations: what a user may give for one, and roll, pitch and yaw with their rates."""
+"""Rotations: conversion of user input, and roll, pitch and yaw with their rates."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ORTHONORMAL = 1e-5
 def as_rotation(element: str, value: Any) -> Mat:
     """A rotation matrix ``(3, 3)`` from one, or from a quaternion xyzw of any length.
 
-    NaN and infinities pass: the loop tells of them.  Raises DeclarationError for another shape, a matrix that is no
+    NaN and infinities pass: the loop reports them.  Raises DeclarationError for another shape, a matrix that is no
     rotation, a quaternion of zeros.
     """
     try:
@@ -49,7 +49,8 @@ def as_rotation(element: str, value: Any) -> Mat:
 
 
 def is_pose(T: Mat) -> bool:
-    """Whether a ``(4, 4)`` is known to be finite and homogeneous with a rotation; False where nothing native is."""
+    """Return true if a ``(4, 4)`` is known to be finite and homogeneous with a rotation; False where nothing native
+    is."""
     return native is not None and native.is_pose(T, ORTHONORMAL)
 
 
@@ -90,7 +91,7 @@ def rate_rows(pitch: float, yaw: float) -> tuple[Triple, Triple, Triple]:
 
 
 def axes_rate(pitch: float, yaw: float, rates: Sequence[float]) -> Triple:
-    """dE/dt (roll, pitch, yaw rates): what E times their second derivatives leaves of d omega/dt."""
+    """dE/dt (roll, pitch, yaw rates): d omega/dt minus E times the second derivatives of the angles."""
     c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
     roll, turn, spin = rates
     return (

@@ -21,7 +21,7 @@ from .fields import check_number, set_names
 from .friction import CenterOfPressure
 
 FLAT = 2e-5
-"""A corner this near to the line between its neighbours is none [m]: rows of feet in line do not come and go."""
+"""A corner this near to the line between its neighbours does not count [m]: rows of feet in line do not come and go."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +31,13 @@ class SupportPolygon(_Barrier):
     one row for each point p, n the outward normal of the edge of the hull that starts there, free for a point inside
     the hull.  J = n . J_com; the points are those of contacts, which stand still.
 
-    Without points and polygon they are those of the stack's contacts (contacts: of these, by name): the corners of
-    its CenterOfPressure, those of sole = (x_min, x_max, y_min, y_max) [m] in the frame of a face that has none, the
-    origin of a PointContact or a wheel.  points: ((frame, x, y, z), ...) in the frames' axes [m], found anew each
-    tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  of: the contact of each point, which is none of the
-    hull while that is out; filled in with them.  rate [1/s], recovery [m/s], acceleration [m/s^2]: as
-    of ``Within``, slower by default, for a foot can push the body aside by little.
-    Raises DeclarationError for fields, fewer than three points and faces of unknown size, FrameNotFound on binding.
+    Without points and polygon they are those of the stack's contacts (contacts: a subset of these, by name): the
+    corners of its CenterOfPressure, those of sole = (x_min, x_max, y_min, y_max) [m] in the frame of a face that has
+    none, the origin of a PointContact or a wheel.  points: ((frame, x, y, z), ...) in the frames' axes [m], found anew
+    each tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  of: contact of each point, which is not part of
+    the hull while the contact is out; filled in with them.  rate [1/s], recovery [m/s], acceleration [m/s^2]: see
+    ``Within``, slower by default, because a foot can push the body aside only a little.  Raises DeclarationError for
+    fields, fewer than three points and faces of unknown size, FrameNotFound on binding.
     """
 
     contacts: str | Sequence[str] | None = None
@@ -57,7 +57,7 @@ class SupportPolygon(_Barrier):
         set_names(self, "contacts")
         check_number(self, "margin", self.margin, 0.0)
         if self.sole is not None:
-            CenterOfPressure(contact="sole", rectangle=self.sole)  # it says what is wrong
+            CenterOfPressure(contact="sole", rectangle=self.sole)  # raises the error
         for what, count in (("points", 4), ("polygon", 2)):
             self._set_rows(what, count)
         if bool(self.points) + bool(self.polygon) + (self.contacts is not None or self.sole is not None) > 1:
@@ -84,7 +84,7 @@ class SupportPolygon(_Barrier):
         return "support_polygon"
 
     def among(self, elements: Sequence[Element]) -> Element:
-        """The same with the points of these contacts; raises DeclarationError."""
+        """Return the element with the points of these contacts; raises DeclarationError."""
         if self.points or self.polygon:
             return self
         contacts = {e.name: e for e in elements if e.is_contact}
@@ -174,7 +174,7 @@ class SupportPolygon(_Barrier):
 
 
 def present(of: Sequence[str], state: State) -> list[int]:
-    """Which points of these contacts are there: those of contacts that are not out."""
+    """Indices of the points that are present: points of contacts that are in."""
     return [i for i, name in enumerate(of) if name not in state.out]
 
 
@@ -213,5 +213,5 @@ def _turn(o: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def _off(o: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
-    """How far a is off the line from o to b [m]."""
+    """Distance of a from the line from o to b [m]."""
     return abs(_turn(o, a, b)) / max(math.dist(o, b), FLAT)

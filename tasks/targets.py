@@ -1,4 +1,4 @@
-"""Targets for torques and contact forces: what settles internal forces, unloads a foot, pushes on the world."""
+"""Targets for torques and contact forces: resolve internal forces, unload a foot, push on the world."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class JointTorque(Element):
         return motor_positions(self, robot, self.joints)
 
     def at(self, value: ArrayLike) -> Reference:
-        """Torques to have ``(k,)`` [N m]; raises DeclarationError for what is no vector."""
+        """Torques to have ``(k,)`` [N m]; raises DeclarationError for a value that is not a vector."""
         return Reference(self.name, numbers(self.name, "value", value, (np.size(value),)))
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
@@ -57,8 +57,8 @@ class JointTorque(Element):
 class ContactForce(Element):
     """Force of the ground on the robot at one contact: f_c = f_ref ``(k,)`` [N, N m], zero by default.
 
-    contact: name of a contact in ``subject_to``.  components: of the force (fx, fy, fz) or wrench (and mx, my, mz)
-    in the contact frame, z along the ground normal; for a wheel x along the rolling direction, y lateral.  With
+    contact: name of a contact in ``subject_to``.  components: components of the force (fx, fy, fz) or wrench (and mx,
+    my, mz) in the contact frame, z along the ground normal; for a wheel x along the rolling direction, y lateral.  With
     ("fx", "fy", "mx", "my", "mz") at zero in a last level forces are vertical and centred; all six in an early level
     unload a foot before it is released.  Raises DeclarationError for fields.
     """

@@ -1,4 +1,4 @@
-"""How a rotation vector changes as its rotation turns: what bounds on one need, exact at every angle below 2 pi."""
+"""Derivatives of a rotation vector: bounds on one need them, exact at every angle below 2 pi."""
 
 from __future__ import annotations
 

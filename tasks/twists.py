@@ -1,4 +1,4 @@
-"""How the twists of joints turn as a robot moves."""
+"""Derivatives of the twists of joints by the configuration."""
 
 from __future__ import annotations
 

@@ -13,12 +13,12 @@ from .pose import Pose
 class Weld(Pose, Constraint):
     """A frame that keeps its place in another one: e = ``[p - p_ref, log(R R_ref^T)]`` [m, rad], J of a relative Pose.
 
-    frame, relative_to: the two frames; where one is in the other at the first tick is held, or what ``at`` says, a
-    homogeneous matrix ``(4, 4)``.  In ``subject_to`` it binds; where x is a torque it then acts by a wrench ``(6,)``
-    [N, N m] on ``frame`` at its origin, and by its opposite on the other frame, in the axes of ``relative_to``:
-    ``tick.contact_forces`` tells it, ``ForceLimits`` and ``ContactForce`` bind it, and ``law``, else the ``loop_law``
-    of ``Torque``, feeds the error back.  Raises DeclarationError without ``relative_to`` or where the frames are the
-    same, FrameNotFound on binding.
+    frame, relative_to: the two frames; the pose of one in the other at the first tick is held, or the value of ``at``,
+    a homogeneous matrix ``(4, 4)``.  In ``subject_to`` it binds; for torques it acts by a wrench ``(6,)`` [N, N m] on
+    ``frame`` at its origin, and by its opposite on the other frame, in the axes of ``relative_to``:
+    ``tick.contact_forces`` has it, ``ForceLimits`` and ``ContactForce`` bind it, and ``law``, else the ``loop_law`` of
+    ``Torque``, feeds the error back.  Raises DeclarationError without ``relative_to`` or where the frames are the same,
+    FrameNotFound on binding.
     """
 
     def __post_init__(self) -> None:

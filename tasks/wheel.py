@@ -27,11 +27,11 @@ ALIGNED = 1e-9  # below this sine an axle is along the normal
 class _Wheel(Task, Constraint):
     """A wheel of radius r whose centre p is r above the ground along its normal n: delta = -r n to the contact point.
 
-    In a direction u of the ground the contact point's velocity gives the row u^T (J_v - [delta]x J_omega).
-    Rolling: u = n x a / |n x a| with a the axle, the direction the wheel rolls in, so perpendicular to the axle.
-    Normal: n^T J_v.  The distance rolled is no function of the configuration: its error is zero; that of the normal
-    row is n . (p - p_0) [m], which keeps the wheel on its plane.  An axle along n leaves no direction to roll in:
-    those rows are then zero.
+    In a direction u of the ground the contact point's velocity gives the row u^T (J_v - [delta]x J_omega).  Rolling: u
+    = n x a / |n x a| with a the axle, the direction the wheel rolls in, so perpendicular to the axle.  Normal: n^T J_v.
+    The distance rolled is no function of the configuration: its error is zero; the error of the normal row is n. (p -
+    p_0) [m], which keeps the wheel on its plane.  An axle along n leaves no direction to roll in: its rolling rows are
+    then zero.
     """
 
     is_contact: ClassVar[bool] = True
@@ -71,7 +71,7 @@ class _Wheel(Task, Constraint):
         return float(radius), (x / length, y / length, z / length)
 
     def rows(self, robot: Robot) -> int:
-        """As many as directions; raises FrameNotFound, and DeclarationError for a wheel without radius or axle."""
+        """Number of directions; raises FrameNotFound, and DeclarationError for a wheel without radius or axle."""
         robot.frame(self.wheel)
         self.geometry(robot)
         return len(self._picked)
@@ -124,9 +124,9 @@ class _Wheel(Task, Constraint):
         normal: ArrayLike | None = None,
         gravity_normal: ArrayLike | None = None,
     ) -> Reference:
-        """What the ground is like under the wheel, for one tick.
+        """Ground under the wheel, for one tick.
 
-        normal, gravity_normal: of the ground in world axes ``(3,)``, made unit length, vertical by default; the
+        normal, gravity_normal: ground normals in world axes ``(3,)``, scaled to unit length, vertical by default; the
         second is for the gravity compensation alone.  value: a place of the wheel's centre on its plane ``(3,)`` [m];
         without one the error is carried on where the normal changes.  velocity, acceleration: the ground's own along
         the rows.  Raises DeclarationError for shapes and zero normals.

@@ -28,14 +28,14 @@ class Within(_Barrier):
     velocity and an acceleration where they move.  J and drift are the task's; angles are wrapped as the task wraps
     them.  None is no bound.  With a task of momentum or velocity the bounds are on J v: lower <= J x <= upper, where x
     is an acceleration rate (lower - J v) <= J x + dJ/dt v <= rate (upper - J v).  A rotation (Pose, a full Orientation)
-    is bounded by its rotation vector from the reference, which is where it is at the first tick or what ``at`` says; J
-    is then the rate of that vector, at every angle.  AlignAxis and LookAt are refused: ``Cone`` bounds directions.
+    is bounded by its rotation vector from the reference, which is its value at the first tick or in ``at``; J is then
+    the rate of that vector, at every angle.  AlignAxis and LookAt are refused: ``Cone`` bounds directions.
 
     rate [1/s], recovery [m/s or rad/s], acceleration [m/s^2 or rad/s^2]: u <= rate h inside and a return at most as
-    fast as recovery outside, which sets in at the acceleration, rate * recovery by default; where x is an acceleration
-    with poles at the rate and at four times the rate.  In ``subject_to`` it binds, as a member of a level it is
-    met as well as its priority allows.  A half-space is ``Within(Position(..., axes="x"), upper=...)``.
-    Raises DeclarationError for fields, for bounds of another number than rows, and for a task it cannot bound.
+    fast as recovery outside, which sets in at the acceleration, rate * recovery by default; for accelerations with
+    poles at the rate and at four times the rate.  In ``subject_to`` it binds, as a member of a level it is met as well
+    as its priority allows.  A half-space is ``Within(Position(..., axes="x"), upper=...)``.  Raises DeclarationError
+    for fields, for bounds of another number than rows, and for a task it cannot bound.
     """
 
     steered: ClassVar[bool] = True
@@ -74,7 +74,7 @@ class Within(_Barrier):
         return f"{self.task.name}_within"
 
     def rows(self, robot: Robot) -> int:
-        """As many as the task's; raises DeclarationError for a misfit of bounds or of the task."""
+        """Number of rows of the task; raises DeclarationError for a misfit of bounds or of the task."""
         m = self.task.rows(robot)
         if self.task.rotation_rows is None and not _has_vector(self.task, robot, m):
             allowed = "a task whose value is a vector or a rotation; Cone bounds directions"
@@ -91,19 +91,19 @@ class Within(_Barrier):
         return selection_of(self.task, robot)
 
     def ends(self, m: int) -> tuple[Vec, Vec]:
-        """(lower, upper) ``(m,)``, infinite where there is none."""
+        """(lower, upper) ``(m,)``, infinite if unbounded."""
         given = (-math.inf if self.lower is None else self.lower), (math.inf if self.upper is None else self.upper)
         low, high = (np.full(m, x) if np.size(x) == 1 else np.array(x, dtype=np.float64) for x in given)
         return low, high
 
     def hold(self, state: State) -> Reference:
-        """Zero ``(m,)``: bounds are on the value itself; that at ``state`` where it is a rotation."""
+        """Zero ``(m,)``: bounds are on the value itself; for a rotation, its value at ``state``."""
         if self.task.rotation_rows is not None:
             return replace(self.task.hold(state), name=self.name)
         return Reference(self.name, np.zeros(self.task.rows(state.robot)))
 
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
-        """What the bounds are measured from, with velocity and acceleration, as of the task; raises DeclarationError.
+        """Origin of the bounds, with velocity and acceleration, like ``at`` of the task; raises DeclarationError.
 
         Bounds that move at u towards the value without a velocity given are passed by at most u / rate.
         """
@@ -120,7 +120,7 @@ class Within(_Barrier):
     def step_bounds(
         self, state: State, dt: float, order: int, *steer: Any, velocity: Any = None, acceleration: Any = None
     ) -> tuple[Vec, Vec]:
-        """(lower, upper) ``(m,)`` of J x; velocity, acceleration: of the reference."""
+        """(lower, upper) ``(m,)`` of J x; velocity, acceleration: motion of the reference."""
         if not isinstance(self.task, _RateTask):
             return super().step_bounds(state, dt, order, *steer, velocity=velocity, acceleration=acceleration)
         u, a = self.carried(state, velocity, acceleration)
@@ -131,8 +131,8 @@ class Within(_Barrier):
         return a + self.rate * (low - speed), a + self.rate * (high - speed)
 
     def carried(self, state: State, velocity: Any, acceleration: Any, *steer: Any) -> tuple[Any, Any]:
-        """Velocity and acceleration ``(m,)`` of the bounds; of a rotation vector e, where B(e) omega is its rate, they
-        are B(-e) omega_ref and its derivative, with what a moving reference adds to dB/dt omega.
+        """Velocity and acceleration ``(m,)`` of the bounds; for a rotation vector e with rate B(e) omega, they are
+        B(-e) omega_ref and its derivative, with the part of a moving reference in dB/dt omega.
         """
         u, a = super().carried(state, velocity, acceleration)
         k = self.task.rotation_rows
@@ -193,7 +193,7 @@ _VECTORS: WeakKeyDictionary[Robot, dict[Task, bool]] = WeakKeyDictionary()
 
 
 def _has_vector(task: Task, robot: Robot, m: int) -> bool:
-    """Whether the value of a task is a vector ``(m,)``, found once a robot."""
+    """Return true if the value of a task is a vector ``(m,)``, determined once per robot."""
     known = _VECTORS.setdefault(robot, {})
     if task not in known:
         known[task] = not task.steered and np.shape(task.value(robot.copy().state())) == (m,)

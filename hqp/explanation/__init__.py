@@ -1,4 +1,4 @@
-"""Why a command is what it is: shares of each level from the multipliers, constraints in conflict, in words."""
+"""Explain a command: shares of each level from the multipliers, constraints in conflict, in words."""
 
 from hqp.explanation.words import Account, Explanation, HeldBack, Loss, Short
 

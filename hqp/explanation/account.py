@@ -1,4 +1,4 @@
-"""Which element holds which back, tick by tick: shares from the kernel's own multipliers, in microseconds."""
+"""Limits on each element, tick by tick: shares from the kernel's own multipliers, in microseconds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST = 0.5
 """A price that holds more than this share of a level back is why the level is not met."""
 
 NOTED = 0.01
-"""What a price holds back is noted where it is more than this fraction of what was asked."""
+"""Note a price only if it holds back more than this fraction of the request."""
 
 
 NONE: frozenset[str] = frozenset()
@@ -48,12 +48,12 @@ class Layout:
 
 
 class TickAccount:
-    """What every element asked for and lacks, and what holds its level back; plain numbers, ``str()`` is a table.
+    """Request, residual and limits of every element; plain numbers, ``str()`` is a table.
 
     elements ``(E,)``: names.  residual, asked ``(E,)``: ||w|| and ||w|| at standing still, in the element's own units.
-    shares ``(levels, E + 1)``: of what holds a level back, the part of each element, its own price last; a row of
-    zeros where the level is met or nothing above it is in its way.  worth ``(levels,)``: how much less ||w|| another
-    unit of motion would leave, c_k ||y_k||.
+    shares ``(levels, E + 1)``: fraction of a level's gradient balanced by each element, its own price last; a row of
+    zeros where the level is met or nothing above it is in its way.  worth ``(levels,)``: decrease of ||w|| per unit of
+    additional motion, c_k ||y_k||.
     """
 
     __slots__ = ("_fast", "_values", "count", "layout")
@@ -73,13 +73,13 @@ class TickAccount:
 
     @property
     def shares(self) -> Mat:
-        """Of what holds each level back the part of each element, the price's last ``(levels, E + 1)``."""
+        """Fraction of each level's gradient balanced by each element, the price's last ``(levels, E + 1)``."""
         E, levels = len(self.elements), self.layout.count
         return self._values[4 * E : 4 * E + levels * (E + 1)].reshape(levels, E + 1)
 
     @property
     def worth(self) -> Vec:
-        """What another unit of motion would bring each level ``(levels,)``."""
+        """Decrease of each level per unit of additional motion ``(levels,)``."""
         return self._values[-self.layout.count :]
 
     @property
@@ -88,7 +88,7 @@ class TickAccount:
         return self.layout.elements
 
     def met(self, element: str) -> bool:
-        """Whether an element got what it asked for; raises DeclarationError for an unknown name."""
+        """Return true if an element's residual is zero; raises DeclarationError for an unknown name."""
         i = self.layout.place(element)
         return is_zero(float(self.residual[i]), float(self.asked[i]))
 
@@ -106,7 +106,7 @@ class TickAccount:
         return cause_of(self.losses(element), fast=element in self._fast) if row.max() > SHARE else "lost"
 
     def losses(self, element: str) -> tuple[Loss, ...]:
-        """What holds the level of an element back, largest share first; raises DeclarationError for an unknown name."""
+        """Losses of an element's level, largest share first; raises DeclarationError for an unknown name."""
         row = self.shares[self.layout.levels[self.layout.place(element)]]
         names, limits = (*self.elements, PRICE), (*self.layout.limits, False)
         order = np.argsort(-row, kind="stable")
@@ -137,7 +137,7 @@ class TickAccount:
 class Accountant:
     """Makes accounts of a compiled stack; native where the stages are, through an explanation elsewhere.
 
-    workspace: whose latest solve is told of.
+    workspace: the account describes its latest solve.
     """
 
     def __init__(self, program: Program, workspace: object, robot: Robot) -> None:
@@ -162,8 +162,8 @@ class Accountant:
     def account(self, count: int, w: Vec, x: Vec, v: Vec | None = None) -> TickAccount | None:
         """The account of the latest solve, from the slacks of all its rows and its answer x.
 
-        v: of the state, to tell what is too fast from what is held back; without it nothing is too fast.
-        None where the kernel has nothing to tell: no kernel, or an answer that was found in another way.
+        v: velocity of the state, to separate too fast from held back; without it nothing is too fast. None if the
+        kernel has no multipliers: no kernel, or an answer that was found in another way.
         """
         told = self._tell()
         if self._native is None or told is None:
@@ -184,7 +184,7 @@ class Accountant:
         return frozenset(found)
 
     def held_back(self, account: TickAccount, w: Vec) -> tuple[HeldBack, ...]:
-        """What prices hold back, with the direction in which each element is short."""
+        """Effects of prices, with the direction in which each element is short."""
         return tuple(self._held(account, w, i, share) for i, share in account.priced())
 
     def _held(self, account: TickAccount, w: Vec, i: int, share: float) -> HeldBack:
@@ -213,7 +213,7 @@ def unit_of(element: Any, kind: str) -> str:
 
 
 def too_fast(program: Program, name: str, w: Vec, v: Vec) -> bool:
-    """Whether more than half of what an element lacks, -w in its own units, is the rate of its reference."""
+    """Return true if more than half of an element's lack, -w in its own units, is the rate of its reference."""
     member = program.assembly.members.get(name)
     if member is None or not member.element.equality:
         return False
@@ -227,7 +227,7 @@ def too_fast(program: Program, name: str, w: Vec, v: Vec) -> bool:
 
 
 def of_explanation(layout: Layout, count: int, told: Explanation) -> TickAccount:
-    """The same account from an explanation, where the kernel has no multipliers to tell."""
+    """Make the account from an explanation, if the kernel has no multipliers."""
     E = len(layout.elements)
     numbers, shares = np.zeros((E, 4)), np.zeros((layout.count, E + 1))
     worth, names = np.zeros(layout.count), (*layout.elements, PRICE)

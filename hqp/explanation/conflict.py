@@ -1,11 +1,10 @@
-"""Which constraints exclude each other: an irreducible set of rows, and what each would have to give way.
+"""Conflicts of constraints: an irreducible set of rows, and the relaxation of each that resolves it.
 
 At the least-squares violation of all rows, min ||w||^2, the stationarity condition A' w = 0 makes y = w a certificate
 of Farkas, A' y = 0 and b' y < 0, b_i being the bound at the side of y_i: rows with y_i != 0 cannot hold together.
 Along A' z = 0, b' z = 0 one y_i after the other becomes zero (Caratheodory), until y is unique up to its length:
-without any one of its rows what is left has no certificate, so it is feasible.  Where the others hold, row i is off by
--b' y / |y_i|.
-Where rounding has its say instead, a deletion filter decides (Chinneck and Dravnieks, 1991).
+without any one of its rows the rest has no certificate, so it is feasible.  If the others hold, row i is violated by
+-b' y / |y_i|.  If rounding dominates, a deletion filter decides (Chinneck and Dravnieks, 1991).
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ class Conflicting:
 
 @dataclass(frozen=True)
 class Conflict:
-    """An irreducible set of rows that cannot hold together, none where all constraints can; ``str()`` says it."""
+    """An irreducible set of rows that cannot hold together, none where all constraints can; ``str()`` lists it."""
 
     rows: tuple[Conflicting, ...]
 
@@ -115,7 +114,7 @@ def _support(w: Vec) -> Index:
 def _smallest_certificate(A: Mat, lower: Vec, upper: Vec, w: Vec, size: float) -> tuple[Index, Vec] | None:
     """Rows of an irreducible conflict, and by how much each is off alone; None where rounding decides.
 
-    w: the least violation, a certificate.  size: of x, beyond a thousand times of which none is looked for.
+    w: the least violation, a certificate.  size: size of x; certificates beyond a thousand times that are ignored.
     """
     kept = _support(w)
     y, bound = w[kept], np.where(w > 0.0, upper, lower)[kept]
@@ -146,7 +145,7 @@ def _smallest_certificate(A: Mat, lower: Vec, upper: Vec, w: Vec, size: float) -
 
 
 def _null_vector(A: Mat) -> Vec | None:
-    """y of length one with A' y = 0; None where there is none, or where others nearly do the same."""
+    """y of length one with A' y = 0; None if there is none, or if others are nearly as good."""
     _, sigma, V = np.linalg.svd(A.T)
     rank = A.shape[0] - 1
     if rank < 0 or sigma.size < rank or (rank and sigma[rank - 1] < CLEAR * sigma[0]):
@@ -155,7 +154,7 @@ def _null_vector(A: Mat) -> Vec | None:
 
 
 def _filtered(A: Mat, lower: Vec, upper: Vec, kept: Index) -> tuple[Index, Vec]:
-    """The same by solving without one row after the other."""
+    """Find the conflict by removing one row after the other."""
     for i in kept.copy():
         rest = kept[kept != i]
         if rest.size and _violated(_violation(A[rest], lower[rest], upper[rest]), lower[rest], upper[rest]):
@@ -164,7 +163,7 @@ def _filtered(A: Mat, lower: Vec, upper: Vec, kept: Index) -> tuple[Index, Vec]:
 
 
 def _stack(problem: Hierarchy) -> tuple[Mat, Vec, Vec, list[tuple[int, int, float]]]:
-    """All rows of the constraints that ask for something, of length one; where each was, and its length."""
+    """All bounded rows of the constraints, scaled to length one; origin and length of each."""
     blocks: list[Mat] = []
     bounds: list[tuple[float, float]] = []
     places: list[tuple[int, int, float]] = []
@@ -187,7 +186,7 @@ def _violation(A: Mat, lower: Vec, upper: Vec) -> Vec:
 
 
 def _relaxation(A: Mat, lower: Vec, upper: Vec, rest: np.ndarray, i: int) -> float:
-    """How far row i is off where all the others of its conflict hold."""
+    """Violation of row i if all the others of its conflict hold."""
     levels = [Rows(A[rest], lower[rest], upper[rest])] if rest.size else []
     levels.append(Rows(A[[i]], lower[[i]], upper[[i]]))
     return float(load(exact()).solve(Hierarchy(tuple(levels))).residuals[-1][0])

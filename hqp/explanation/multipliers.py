@@ -1,4 +1,4 @@
-"""What keeps each level from being met in one solution, from its multipliers (the words are in words.py)."""
+"""Causes of each unmet level in one solution, from its multipliers (words.py has the text)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hqp.programs.formulation import Place
 from hqp.tolerances import NEAR
 
 NOTHING = 1e-6
-"""A gradient below this fraction of what its rows could give is zero: no motion lessens the residual."""
+"""A gradient below this fraction of its possible size is zero: no motion lessens the residual."""
 
 
 def explain(
@@ -30,13 +30,13 @@ def explain(
     shares: Mat | None = None,
     kinds: Mapping[str, Sequence[tuple[str, str]]] | None = None,
 ) -> Explanation:
-    """What balances each residual: A_k' w_k = -sum_j A_j' lambda_kj, and each element's share of it.
+    """Shares that balance each residual: A_k' w_k = -sum_j A_j' lambda_kj, and each element's share of it.
 
-    A level with a price is judged in its own stage, where c_k ||w_k|| F'(F x - f) holds against it too.
-    row_names: names of single rows where an element has them (joints of a limit).  fast: elements whose lack is the
-    rate of their reference.  units: of the elements' rows.  shares: ``(levels, elements + 1)`` of every element in the
-    order of places, the price's last, where the kernel has told them (hqp.explanation.account).  kinds: what the
-    (lower, upper) bound of each row stands for, as ``Inequality.bound_kinds``.
+    A level with a price is judged in its own stage, where c_k ||w_k|| F'(F x - f) holds against it too.  row_names:
+    names of single rows where an element has them (joints of a limit).  fast: elements whose lack is the rate of their
+    reference.  units: units of the elements' rows.  shares: ``(levels, elements + 1)`` of every element in the order of
+    places, the price's last, if the kernel has computed them (hqp.explanation.account).  kinds: meaning of the (lower,
+    upper) bound of each row, see ``Inequality.bound_kinds``.
     """
     kinds = kinds or {}
     verdict = certificate(problem, solution.x, stages=solution.stage_points, settled=True)
@@ -71,7 +71,7 @@ def explain(
 
 
 def cause_of(losses: Sequence[Loss], *, fast: bool) -> str:
-    """The cause by the price where its share is the largest, else by a limit that binds; too fast is said first."""
+    """The cause by the price where its share is the largest, else by a limit that binds; too fast has precedence."""
     price, limit = losses[0].element == PRICE, any(loss.binds for loss in losses)
     if fast and (price or limit):
         return "too fast"
@@ -125,7 +125,8 @@ def _price(problem: Hierarchy, k: int) -> float:
 
 
 def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k: int) -> tuple[Vec, Vec | None]:
-    """Of the rows above level k ``(m_0 + ... + m_{k-1},)`` for the gradient A_k' w_k, and the push of its price."""
+    """Multipliers of the rows above level k ``(m_0 + ... + m_{k-1},)`` for the gradient A_k' w_k, and the push of its
+    price."""
     above = sum(rows.m for rows in problem.levels[:k])
     x = _point(solution, k)
     if x is None or problem.prices is None or solution.stage_points is None or not problem.prices[k] > 0.0:
@@ -140,7 +141,8 @@ def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k
 
 
 def _slowed(problem: Hierarchy, solution: Solution, k: int) -> Mat:
-    """What each row of an unmet level above level k adds to its gradient by the motion beyond x_a ``(rows above, n)``.
+    """Contribution of each row of an unmet level above level k to its gradient by the motion beyond x_a ``(rows above,
+    n)``.
 
     The second term of R_k (hqp.problem.pricing), row by row, in the scale of A_k' w_k.
     """
@@ -164,7 +166,8 @@ def _slowed(problem: Hierarchy, solution: Solution, k: int) -> Mat:
 
 
 def _holds(problem: Hierarchy, solution: Solution, k: int, multipliers: Vec) -> Mask:
-    """Which rows above level k hold it back: those active at the answer, and those close to rest (tolerances.NEAR)."""
+    """Mask of rows above level k that hold it back: rows active at the solution, and rows close to rest
+    (tolerances.NEAR)."""
     at, rows = Coordinates.of(problem.motion, problem.n), stack_rows(problem.levels[:k], problem.n)
     A = rows.dense(problem.n)
     bound = np.where(multipliers > 0.0, rows.upper, rows.lower)
@@ -222,7 +225,7 @@ def _told(shares: list[float], places: Mapping[str, Place], found: tuple[Loss, .
 
 
 def _inner(problem: Hierarchy) -> Callable[[Vec, Vec], float]:
-    """The product in which gradients are compared: that of motion where there is one, so that units agree."""
+    """The product in which gradients are compared: the product of motion if there is one, so that units agree."""
     if problem.motion is None:
         return lambda a, b: float(a @ b)
     P = Coordinates.of(problem.motion, problem.n).P

@@ -1,4 +1,4 @@
-"""What a tick says of an element that was not served as declared."""
+"""Notes of a tick on elements that were not served as declared."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ STATUSES = tuple(Status)
 """By the number that native code has for each."""
 
 Notes: TypeAlias = "tuple[Note, ...] | Callable[[], tuple[Note, ...]]"
-"""Notes, or what makes them."""
+"""Notes, or a function that makes them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """What went wrong with which element."""
+    """Problem of one element."""
 
     element: str
     status: Status
@@ -35,7 +35,7 @@ def made(notes: Notes) -> tuple[Note, ...]:
 
 
 def added(notes: Notes, more: Notes) -> Notes:
-    """Those notes and some more, without making their texts."""
+    """Append notes without making their texts."""
     if not notes:
         return more
     if callable(notes) or callable(more):

@@ -1,4 +1,4 @@
-"""Questions to a session about its latest tick: which element holds which back, which constraints are in conflict."""
+"""Questions to a session about its latest tick: shares of elements, constraints in conflict."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ UNITS = {
     "force": dict.fromkeys(("velocity", "acceleration", "torque"), "(N, N m)"),
     "effort": dict.fromkeys(("velocity", "acceleration", "torque"), "N m"),
 }
-"""Units of rows by what they bind and what x is."""
+"""Units of rows by their quantity and the meaning of x."""
 
 DULL = ("joint_limits", "torque_limits")
-"""Elements whose rows say enough by their joint."""
+"""Elements whose rows need only the joint's name."""
 
 
 class Answered(Protocol):
-    """What is read of a tick."""
+    """Interface of a tick."""
 
     @property
     def count(self) -> int: ...
@@ -48,7 +48,7 @@ class Answered(Protocol):
 
 
 class Teller:
-    """Tells of the latest tick of one compiled stack; what it needs is made when first asked for."""
+    """Explains the latest tick of one compiled stack; helpers are made on first use."""
 
     __slots__ = ("_accountant", "_dt", "_made_of", "_program", "_robot", "_stack")
 
@@ -64,8 +64,8 @@ class Teller:
         return self._accountant
 
     def held_back(self, count: int, w: Vec, x: Vec, names: Iterable[str]) -> Callable[[], tuple[Note, ...]] | None:
-        """What makes the notes on elements that are short of what they were asked for: those that are named, and
-        those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
+        """Make the notes on elements that are short of their request: named elements, and those held mainly by their
+        price.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts
         account = accounts.account(count, w, x)
         if account is None:
@@ -82,7 +82,7 @@ class Teller:
         return notes
 
     def explain(self, count: int, tick: Answered) -> Explanation:
-        """Which element got what and lost to which."""
+        """Explain the residual and the losses of each element."""
         solution = self._latest("explain", count, tick)
         program, v = self._program, tick.state.v
         row_names = {element.name: element.row_names(self._robot) for element in self._stack}
@@ -107,12 +107,12 @@ class Teller:
         return replace(found, accounts=accounts, remarks=program.remarks(tick.state))
 
     def account(self, count: int, tick: Answered) -> TickAccount:
-        """Which element holds which back."""
+        """Shares of each element."""
         found = self._account(count, tick)
         return of_explanation(self._accounts.layout, count, self.explain(count, tick)) if found is None else found
 
     def conflict(self, count: int, tick: Answered) -> Conflict:
-        """Which rows of ``subject_to`` exclude each other."""
+        """Find rows of ``subject_to`` that exclude each other."""
         self._latest("conflict", count, tick)
         from hqp.explanation.conflict import conflict
 

@@ -1,4 +1,4 @@
-"""An account of one solution in words: what each element asked for, what it got, and to which elements it lost."""
+"""An account of one solution in words: request, residual and losses of each element."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ PRICE = "its price"
 """The name under which a price stands among the losses."""
 
 OUT_OF_REACH = "out of reach or singular: no motion of the robot reduces the residual"
-"""What explanations and notes say where the cause is ``out of reach``."""
+"""Text of explanations and notes for the cause ``out of reach``."""
 
 
 def is_zero(residual: float, asked: float) -> bool:
-    """Whether a residual counts as zero beside what was asked, for notes, accounts, explanations and the viewer."""
+    """Return true if a residual counts as zero relative to the request, for notes, accounts, explanations and the
+    viewer."""
     return residual <= ZERO_RESIDUAL * (1.0 + asked)
 
 
@@ -34,7 +35,7 @@ def is_zero(residual: float, asked: float) -> bool:
 class Loss:
     """One element's part in a residual: ``share`` (0 to 1) of the level's gradient that its multipliers balance.
 
-    rows: of an inequality, its rows that hold against it, by name and side.  limit: whether it is an inequality.
+    rows: active rows of an inequality, by name and side.  limit: true for an inequality.
     """
 
     element: str
@@ -44,7 +45,7 @@ class Loss:
 
     @property
     def binds(self) -> bool:
-        """Whether it is a limit that counts: without it the level would come nearer, whatever is above it."""
+        """True for a limit that counts: without it the level would come nearer, regardless of the levels above it."""
         return self.limit and self.share >= BINDS
 
     def __str__(self) -> str:
@@ -79,11 +80,11 @@ class Short:
 
 @dataclass(frozen=True, slots=True)
 class HeldBack:
-    """What the price of a level holds back of one element (docs/calm.md).
+    """Effect of a level's price on one element (docs/calm.md).
 
-    asked: ||w|| at standing still.  given: how much less it is now [unit].  share: of what holds the level back, the
-    price's part, 0 to 1.  short: the direction in which the element is short, where motion moves its rows least.
-    worth: how much less the level's ||w|| would be for another unit of motion (1 rad/s, 1 rad/s^2): c_k ||y_k||.
+    asked: ||w|| at standing still.  given: decrease of ||w|| from there [unit].  share: the price's fraction of the
+    level's gradient, 0 to 1.  short: the direction in which the element is short, where motion moves its rows least.
+    worth: decrease of the level's ||w|| per additional unit of motion (1 rad/s, 1 rad/s^2): c_k ||y_k||.
     """
 
     element: str
@@ -96,7 +97,7 @@ class HeldBack:
     worth: float
 
     def note(self, losses: tuple[Loss, ...], cause: str = "price") -> str:
-        """What was asked, what was given, and why not more; cause: as in Account."""
+        """Request, achieved part, and the cause of the rest; cause: see Account."""
         why = "the price on motion outweighs the rest"
         if cause == "out of reach":
             why = f"the rest is {OUT_OF_REACH}"
@@ -113,12 +114,11 @@ class Account:
     """One element: its level, the norm of its residual in its own units, and its losses, largest first.
 
     cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality with a share of
-    BINDS or more, its rows named: the levels above alone would leave a way), ``own level`` (fights: whom), ``out of
-    reach`` (no motion of the robot lessens the residual), ``price`` (the price on motion outweighs the rest),
-    ``too fast`` (most of what it lacks is the rate of its reference, not its error), ``off`` (out of this tick, and
-    so met).  asked: ||w|| at the point of
-    least motion, standing still, in the units of the residual.  held_back: what the price holds back, None where it
-    holds nothing.  unit: of residual and asked.
+    BINDS or more, its rows named: the levels above alone would leave a way), ``own level`` (fights: named elements),
+    ``out of reach`` (no motion of the robot lessens the residual), ``price`` (the price on motion outweighs the rest),
+    ``too fast`` (most of its lack is the rate of its reference, not its error), ``off`` (out of this tick, and so met).
+    asked: ||w|| at the point of least motion, standing still, in the units of the residual.  held_back: effect of the
+    price, None for none.  unit: unit of residual and asked.
     """
 
     element: str

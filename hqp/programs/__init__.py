@@ -1,1 +1,1 @@
-"""A stack on a robot: which rows stand where, and what evaluates them in every tick."""
+"""A stack on a robot: place of each row, and its evaluation in every tick."""

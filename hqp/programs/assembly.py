@@ -31,13 +31,13 @@ LARGEST = 1e10
 """Rows and demands with larger numbers than this are a fault of their element."""
 
 OWN = "hqp.tasks"
-"""Where elements are defined that are none of the user's: their rows are at fault only where the model is."""
+"""Module prefix of elements that are not the user's: their rows are at fault only where the model is."""
 
 PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.Rotation: 2, plans.Pose: 3}
-"""Plans whose targets are taken as they are, and what these have to be: numbers, a rotation, a homogeneous matrix."""
+"""Plans whose targets are used unchanged, and the check of these: numbers, a rotation, a homogeneous matrix."""
 
 EQUALITY, LIMITED, BOUNDED = 0, 1, 2
-"""How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand."""
+"""Ways from rows to bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand."""
 
 
 class Constrained(Protocol):
@@ -59,7 +59,7 @@ class Member:
     """An element and its rows: ``part`` of the vectors, and of J unless its rows are a selection.
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
-    reference's where one does.  plain: what a target has to be that is taken as it is, see ``_assembly.Assembly.slot``.
+    reference's where one does.  plain: check of a target that is used unchanged, see ``_assembly.Assembly.slot``.
     operation: number of the native one.  laws: numbers of those that it has by turns.
     """
 
@@ -82,9 +82,9 @@ class Member:
 class Assembly:
     """J, lower and upper of a sequence of motion elements, after their laws.
 
-    order 1: J x = rate - gain e.  order 2: J x = feedforward - kp e - kd (J v - rate) - dJ/dt v.
-    J ``(m, nv)`` holds the rows of ``dense`` elements; those of ``selections`` follow in the vectors only, for
-    each picks one coordinate.  Weights multiply rows and bounds.
+    order 1: J x = rate - gain e.  order 2: J x = feedforward - kp e - kd (J v - rate) - dJ/dt v.  J ``(m, nv)`` holds
+    the rows of ``dense`` elements; rows of ``selections`` follow in the vectors only, because each picks one
+    coordinate.  Weights multiply rows and bounds.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Assembly:
         self.members: dict[str, Member] = {}
         self.errors: dict[str, Exception] = {}
         self.parts: dict[str, Any] = {"dt": dt, "order": self.order, "nv": robot.nv, "operations": []}
-        """What the native rows are made of, a file as well (docs/plan_file.md)."""
+        """Data of the native rows, also for a file (docs/plan_file.md)."""
         for i, element in enumerate((*dense, *selections)):
             part = slice(starts[i], starts[i + 1])
             J = self.J[part] if i < len(dense) else None
@@ -142,7 +142,7 @@ class Assembly:
                 self.native_rows.slot(slot)
 
     def _slot(self, member: Member) -> dict[str, Any]:
-        """Where the reference of an element goes."""
+        """Buffer of an element's reference."""
         return {
             "name": member.element.name,
             "target": None if member.target is None else member.target.reshape(-1),
@@ -227,7 +227,7 @@ class Assembly:
         self.parts["laws"] = laws
 
     def take_law(self, name: str, law: Law, *, at_once: bool) -> None:
-        """The law that an element goes over to, see ``go_on``, or has at once; ``require_law`` says which may be."""
+        """The law that an element goes over to, see ``go_on``, or has at once; ``require_law`` checks it."""
         member = self.members[name]
         assert self.native_rows is not None
         assert member.declared is not None
@@ -244,7 +244,7 @@ class Assembly:
             self.native_rows.go_on()
 
     def overrun(self, name: str, q: Vec, v: Vec) -> list[float]:
-        """How far beyond its limit each row of native limits of joints comes to rest [rad or m], 0 for none."""
+        """Distance beyond its limit at which each row of native joint limits comes to rest [rad or m], 0 for none."""
         return [] if self.native_rows is None else self.native_rows.overrun(name, q, v)
 
     def require_law(self, name: str, law: Law) -> None:
@@ -280,7 +280,7 @@ class Assembly:
     ) -> None:
         """Refill J, lower and upper; ``references`` has one for every element, ``given`` those with feedforward.
 
-        left_out: elements whose rows are free in this tick.  What a readable function raises is kept in ``errors``,
+        left_out: elements whose rows are free in this tick.  An exception of a readable function is kept in ``errors``,
         and its element is ``unusable``.  Raises StaleState if the robot has moved on.
         """
         state.kinematics()
@@ -298,7 +298,7 @@ class Assembly:
             self._leave_out(name)
 
     def limit(self, state: State, dynamics: Constrained) -> None:
-        """Bounds around a speed stand around what constraints, the first of all rows, leave; see ``JointLimits``."""
+        """Move bounds around a speed to the speed that constraints, the first rows, allow; see ``JointLimits``."""
         if self.native_rows is not None:
             self.native_rows.limit(state.v, dynamics.reactions)
         for member in self._around:
@@ -328,7 +328,9 @@ class Assembly:
                 member.write(state, references[element.name])  # type: ignore[misc]
             except StaleState:
                 raise
-            except Exception as error:  # of the user's own: told by a status, and the tick goes on without the element
+            except (
+                Exception
+            ) as error:  # from a user's element: reported by a status, and the tick continues without the element
                 self.errors[element.name] = error
                 continue
             if J is not None and element.weight != 1.0:
@@ -345,7 +347,7 @@ class Assembly:
                 self.feedforward[member.part] = _fitting(member, "acceleration", reference.acceleration)
 
     def _copy_targets(self, references: Mapping[str, Reference]) -> None:
-        """Put what native operations read where they read it."""
+        """Copy the targets into the buffers of native operations."""
         for name, target, member in self._targets:
             value, normal = references[name].value, references[name].normal
             if value is None or value.shape != target.shape:
@@ -356,7 +358,7 @@ class Assembly:
                 member.normal[:] = UP if normal is None else normal
 
     def _apply_law(self, member: Member, v: Vec) -> None:
-        """Bounds of J x from errors, or from the ways left; what the native ``demand`` does for all rows at once."""
+        """Bounds of J x from errors, or from the ways left; the native ``demand`` does so for all rows at once."""
         part, law, views, weight = member.part, member.law, member.views, member.element.weight
         kind = _kind(member.element)
         if member.element.name in self._out:
@@ -414,7 +416,7 @@ class Assembly:
         return self._pick[part.start - m : part.stop - m]
 
     def _leave_out(self, name: str) -> None:
-        """Free the rows of one element for this tick: (-inf, +inf), and no number in J that is none."""
+        """Free the rows of one element for this tick: (-inf, +inf), and finite numbers in J."""
         self.errors.pop(name, None)
         part = self.members[name].part
         J = self.J[part]
@@ -426,7 +428,7 @@ class Assembly:
 
 
 def kinematics(robot: Robot) -> Kinematics | None:
-    """Native forward kinematics of what rows read of a robot; None for joints that they do not know."""
+    """Native forward kinematics of the frames that rows read; None for joints that they do not know."""
     joints = robot.tree_joints
     if native is None or joints is None:
         return None

@@ -32,14 +32,14 @@ ROUNDING = 1e-12
 
 
 class Rewriting(Protocol):
-    """What rewrites rows ahead of a solve, natively where ``before`` gives something."""
+    """Interface of native code that rewrites rows before a solve, if ``before`` returns a capsule."""
 
     def before(self, solve: object) -> object | None: ...
     def __call__(self) -> None: ...
 
 
 class Begun(Protocol):
-    """What a program is told beside the native loop: the first tick, and targets of forces."""
+    """Inputs of a program beside the native loop: the first tick, and targets of forces."""
 
     def begin_direct(self, state: State, holds: Mapping[str, Reference], /) -> None: ...
 
@@ -53,8 +53,8 @@ class Begun(Protocol):
 class Direct:
     """The native loop of a session whose rows go straight to a kernel.
 
-    It takes what is ordinary, and says None to the rest, for which the session has a general path: a reference that is
-    not finite or does not fit, rows that are too large.  A record holds what a tick can tell; see ``solution``.
+    It handles ordinary ticks and returns None for others, which take the general path of a session: a reference that is
+    not finite or does not fit, rows that are too large.  A record holds the results of a tick; see ``solution``.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class Direct:
         moving: Kinematics | None,
     ) -> None:
         self.prepare = prepare
-        """What a tick needs of the state before the native call, None for nothing."""
+        """Computations on the state before the native call, None for nothing."""
         self.after_writing: Callable[[], None] | None = None
-        """What follows rows that are written in Python, ahead of the solver."""
+        """Step between rows that are written in Python and the solver."""
         self._assembly, self._native, self.workspace = assembly, native, workspace
         self._written, self._places = bool(assembly.written), moving is not None
         self._nq, self._nv = 0 if moving is None else moving.size, assembly.J.shape[1]
@@ -87,7 +87,7 @@ class Direct:
         self._forces = {} if program is None else program.force_targets
         self._aims = False
         self.takes_arrays = moving is not None and not assembly.written and prepare is None and program is None
-        """Whether ``tick`` may be asked."""
+        """True if ``tick`` is available."""
         self._kernel, self._picks = kernel, command.tolist()
         self._velocity = assembly.order == 1
         self.before_solving(None)
@@ -100,7 +100,7 @@ class Direct:
         self.width = int(command.size)
         """Numbers of the command, the first of a record."""
         self.marks = 8 * self._count
-        """Where the marks of all rows begin in a record, whose last byte is odd where they changed."""
+        """Offset of the marks of all rows in a record, whose last byte is odd if they changed."""
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
         """Take the hold values of all elements, live; the next tick takes references as the first does."""
@@ -114,7 +114,7 @@ class Direct:
         self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
 
     def others(self, back: tuple[str, ...]) -> tuple[str, ...]:
-        """Of elements that come back those whose hold values native code does not take."""
+        """Names of returning elements whose hold values native code does not take."""
         if back not in self._unmeasured:
             native = self._assembly.members.keys() - self._names
             self._unmeasured[back] = tuple(name for name in back if name not in native)
@@ -131,7 +131,7 @@ class Direct:
         self._native.renew(back)
 
     def renewed(self) -> list[Reference]:
-        """Hold values that native ticks took since this was asked last."""
+        """Hold values that native ticks took since the last call."""
         found = []
         for name in self._renewed:
             member = self._assembly.members.get(name)
@@ -146,7 +146,7 @@ class Direct:
     def before_solving(self, ease: Rewriting | None) -> None:
         """Ease rows ahead of every solve from now on, None for no more."""
         solve, values, marks, call = self._kernel
-        self._ease, asked = ease, solve  # kept, as what the capsule runs
+        self._ease, asked = ease, solve  # kept alive: the capsule runs it
         if ease is not None and (eased := ease.before(call)) is not None:
             call = eased
         elif ease is not None:
@@ -166,13 +166,13 @@ class Direct:
 
     @property
     def writes(self) -> bool:
-        """Whether some rows are written in Python."""
+        """True if some rows are written in Python."""
         return self._written
 
     def step(
         self, state: State, references: tuple[Reference, ...], before: bytearray | Vec
     ) -> bytearray | Counts | None:
-        """A record of an optimum, the counts of another outcome, None for what is out of the ordinary.
+        """Return a record of an optimum, the counts of another outcome, None for an extraordinary tick.
 
         before: the latest record, or the x to start from.
         """
@@ -215,7 +215,7 @@ class Direct:
     def tick(
         self, q: Vec, v: Vec | None, targets: dict[str, Vec | Mat], before: bytearray | Vec, largest: float
     ) -> bytearray | Counts | None:
-        """As ``step``, of arrays alone, where nothing is left to Python; ``None`` for what is out of the ordinary.
+        """``step`` for arrays alone, if nothing is left to Python; ``None`` for an extraordinary tick.
 
         largest: the squares of a state sum up to less.
         """
@@ -240,12 +240,12 @@ class Direct:
         return np.frombuffer(record, FLOAT, count, len(record) - 1 - 8 * count)
 
     def targets(self, names: Iterable[str]) -> tuple[Reference, ...]:
-        """Those of the latest tick, as references."""
+        """Targets of the latest tick, as references."""
         members = self._assembly.members
         return tuple(Reference(name, np.array(members[name].target)) for name in names)
 
     def _write(self) -> bool:
-        """Rows of elements without a native operation; whether all could be written."""
+        """Rows of elements without a native operation; return true if all were written."""
         state, references = self._now
         if self._places:
             state.is_placed()
@@ -281,18 +281,18 @@ class Direct:
 
     @staticmethod
     def staged(record: bytearray) -> bool:
-        """Whether the answer is that of stages."""
+        """Return true if the solution comes from stages."""
         return record[-1] > 1
 
     def solution(self, record: bytearray) -> Solution:
-        """What the solver gave."""
+        """Solution of the solver."""
         numbers = np.frombuffer(record, FLOAT, self._count)
         marks = np.frombuffer(record, np.int8, self._rows[-1].stop, self.marks)
         points = None
         if self.staged(record):
             count, n = len(self._rows), self._x.stop - self._x.start
             points = np.frombuffer(record, FLOAT, count * n, self.marks + marks.size).reshape(count, n).copy()
-        numbers.setflags(write=False)  # what the session may have to slow down from
+        numbers.setflags(write=False)  # start of a slow-down of the session
         slack = numbers[self._slack]
         _, _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
         return Solution(
@@ -318,7 +318,7 @@ def direct(
 ) -> Direct | None:
     """The native loop, None where rows or solver are not native, or the solver has more to do than to solve.
 
-    program, chain: at torque level, what is between the rows on the acceleration and the solver: it goes ahead of
+    program, chain: for torques, the native steps between the rows on the acceleration and the solver: it goes ahead of
     a solve, by capsules.  moving: the native kinematics that the rows begin with, where ``prepare`` does not see to
     them.
     """

@@ -1,4 +1,4 @@
-"""What a session lets in and out, once for Python and for C++ (hqp/cpp/session): without it there is no session."""
+"""Native checks of states and commands, shared by Python and C++ (hqp/cpp/session): without it there is no session."""
 
 from __future__ import annotations
 

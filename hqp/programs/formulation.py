@@ -1,4 +1,4 @@
-"""Formulations: what the unknown x is, which laws and quantities it takes, and what the command is."""
+"""Formulations: meaning of the unknown x, accepted laws and quantities, and the command."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from hqp.programs.rest import Rest, brake, slow_down
 
 @dataclass(frozen=True)
 class Place:
-    """Where an element's rows are: ``part`` of level ``level`` of the hierarchy; its declared level by name."""
+    """Place of an element's rows: ``part`` of level ``level`` of the hierarchy; its declared level by name."""
 
     element: Element
     level: int
@@ -37,7 +37,7 @@ class Place:
 
 
 class Program(ABC):
-    """A stack compiled for one robot: a live hierarchy, refilled each tick, and what x means."""
+    """A stack compiled for one robot: a live hierarchy, refilled each tick, and the meaning of x."""
 
     kind: Literal["velocity", "acceleration", "torque"]
     problem: Hierarchy
@@ -80,8 +80,8 @@ class Program(ABC):
     ) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward.
 
-        left_out: elements whose rows are free in this tick.  Where ``unusable`` names elements afterwards, the
-        hierarchy is complete only once it is filled again without them.
+        left_out: elements whose rows are free in this tick.  If ``unusable`` names elements afterwards, fill the
+        hierarchy again without them.
         """
 
     def unusable(self) -> tuple[str, ...]:
@@ -93,7 +93,7 @@ class Program(ABC):
         return self.assembly.reason(name)
 
     def remarks(self, state: State) -> tuple[str, ...]:
-        """What an account of the latest tick should mention beside its rows."""
+        """Remarks on the latest tick for its account, beside its rows."""
         return ()
 
     @property
@@ -105,27 +105,27 @@ class Program(ABC):
 
     @property
     def errors(self) -> Mapping[str, Exception]:
-        """What elements raised in the latest fill."""
+        """Exceptions of elements in the latest fill."""
         return self.assembly.errors
 
     def direct(self, workspace: object) -> Direct | None:
-        """The loop that takes ordinary ticks in one native call; None where there is none."""
+        """The loop that takes ordinary ticks in one native call; None if there is none."""
         return None
 
     def in_python(self) -> tuple[str, str] | None:
-        """The first element that leaves something to Python, and what; None where all of a tick is native."""
+        """First element that needs Python, with the reason; None where all of a tick is native."""
         return next(((m.element.name, "its rows are written in Python") for m in self.assembly.written), None)
 
     def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:  # noqa: B027
-        """Native ticks follow: fill what they leave as it is."""
+        """Native ticks follow: fill the rows that they leave unchanged."""
 
     def parts(self) -> dict[str, Any]:
-        """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
+        """Data of a tick before the solver, for a file (docs/plan_file.md)."""
         return {"kind": self.kind, **self.assembly.parts}
 
     @abstractmethod
     def rest(self, robot: Robot, braking: Braking) -> Rest:
-        """What is sent while no answer is usable."""
+        """Commands while no solution is usable."""
 
     @abstractmethod
     def command(self, x: Vec) -> Vec:
@@ -138,7 +138,7 @@ class Program(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Formulation(ABC):
-    """What x is.  A frozen value; ``compile`` turns a stack into a program for one robot."""
+    """Meaning of x.  A frozen value; ``compile`` turns a stack into a program for one robot."""
 
     order: ClassVar[int]
     quantities: ClassVar[frozenset[str]] = frozenset({"motion"})
@@ -148,13 +148,13 @@ class Formulation(ABC):
 
     @abstractmethod
     def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
-        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit.
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for a misfit.
 
-        price: of levels that declare none, the default for None; one with tau = 0 makes every level exact.
+        price: price of levels that declare none, the default for None; one with tau = 0 makes every level exact.
         """
 
     def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
-        """The stack under the bounds on x that it leaves unsaid, and what they leave out, in words."""
+        """Return the stack with default bounds on x, and a note on omitted ones."""
         return stack, ""
 
     def laws(self, stack: Stack) -> dict[str, Law]:
@@ -188,8 +188,8 @@ class Formulation(ABC):
 class Velocity(Formulation):
     """x is the generalised velocity ``(nv,)`` [m/s, rad/s]; rows J x = v_ref - gain e (Mistry 2008, eqs. 7, 16).
 
-    law: for elements without one.  contact_law: the same for contacts, whose feedback keeps the feet from
-    drifting by O(dt) (eq. 19 alone).
+    law: for elements without one.  contact_law: law of contacts, whose feedback keeps the feet from drifting by O(dt)
+    (eq. 19 alone).
     """
 
     order: ClassVar[int] = 1
@@ -197,7 +197,7 @@ class Velocity(Formulation):
     contact_law: Law = field(default=P(20.0))
 
     def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
-        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for a misfit."""
         return MotionProgram(self, stack, robot, dt, price)
 
 
@@ -205,7 +205,7 @@ class Velocity(Formulation):
 class Acceleration(Formulation):
     """x is the generalised acceleration ``(nv,)``; rows J x = a_ref - kp e - kd (J v - v_ref) - dJ/dt v (eq. 18).
 
-    law, contact_law: as for Velocity, of second order.
+    law, contact_law: see Velocity, of second order.
     """
 
     order: ClassVar[int] = 2
@@ -213,7 +213,7 @@ class Acceleration(Formulation):
     contact_law: Law = field(default=PD(400.0, 40.0))
 
     def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
-        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for a misfit."""
         return MotionProgram(self, stack, robot, dt, price)
 
 
@@ -322,7 +322,7 @@ class MotionProgram(Program):
         return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
 
     def parts(self) -> dict[str, Any]:
-        """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
+        """Data of a tick before the solver, for a file (docs/plan_file.md)."""
         slowing = None if self._slowed is None else {"scale": self._slowing, "f": self._slowed}
         return {**super().parts(), "slowing": slowing, "loads": self._loads.parts}
 

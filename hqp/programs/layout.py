@@ -1,4 +1,4 @@
-"""How a stack becomes the levels of a hierarchy: the order of ``subject_to``, contacts before the tasks of a level."""
+"""Map a stack to the levels of a hierarchy: the order of ``subject_to``, contacts before the tasks of a level."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hqp.declare.stack import Stack
 class Group:
     """Elements that become one level of the hierarchy.
 
-    selection: every row picks one variable.  constraint: from ``subject_to``.  tasks: whether it holds anything that
+    selection: every row picks one variable.  constraint: from ``subject_to``.  tasks: true if it holds elements that
     may have a price (a level of contacts or of constraints of ``subject_to`` does not).  price: as declared.
     """
 
@@ -32,14 +32,14 @@ def lay_out(
 ) -> list[Group]:
     """The levels, most important first; empty ones vanish.
 
-    ``subject_to``, what nature enforces first, a quantity (force, effort, motion) never in one level with another:
+    ``subject_to`` comes in physical order, a quantity (force, effort, motion) never in one level with another:
 
     1. bounds on x: the torque box, or where x is a velocity or an acceleration the limits of joints;
     2. contacts and couplings (equalities on the motion);
-    3. what contact forces may be [N];
-    4. where x is a torque, limits of joints [rad/s^2, m/s^2];
+    3. limits of contact forces [N];
+    4. for torques, limits of joints [rad/s^2, m/s^2];
     5. other inequalities, the user's own;
-    6. tasks, a level for each quantity: they may have a price, what stands above never has.
+    6. tasks, a level for each quantity: they may have a price, the levels above never.
 
     held: elements that are no rows, for the dynamics keep them.  torque: x is a torque.  contacts_first: contacts of
     a level that holds tasks too are a level of their own before it.

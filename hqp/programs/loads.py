@@ -101,7 +101,7 @@ class Loads:
         return A, bias
 
     def add(self, state: State, A: Mat, bias: Vec) -> None:
-        """Add to A and b + g what the native operations that wrote them do not know."""
+        """Add the loads without native operation to A and b + g."""
         self._add(state, self._readable, A, bias)
 
     def _add(self, state: State, elements: Sequence[Any], A: Mat, bias: Vec) -> None:
@@ -111,14 +111,14 @@ class Loads:
                 A += more
 
     def gravity(self, state: State) -> Vec:
-        """g: what has to be held up at rest, ``(nv,)``."""
+        """g: generalised gravity force of the loads, ``(nv,)``."""
         g = state.gravity_force()
         for _, _, change in self._terms(state, self.elements):
             g = g + change
         return g
 
     def change(self, state: State) -> dict[str, Vec]:
-        """What each load adds to g, ``(nv,)`` by name."""
+        """Contribution of each load to g, ``(nv,)`` by name."""
         return {e.name: terms[2] for e, terms in zip(self.elements, self._terms(state, self.elements), strict=True)}
 
     def _terms(self, state: State, elements: Sequence[Any]) -> list[tuple[Mat | None, Vec, Vec]]:

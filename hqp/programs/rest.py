@@ -1,4 +1,4 @@
-"""Coming to rest: what a session sends while no answer is usable (hqp/cpp/session/rest.hpp)."""
+"""Coming to rest: commands of a session while no solution is usable (hqp/cpp/session/rest.hpp)."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from hqp.declare.safety import Braking
 from hqp.programs.envelope import native
 
 Holding: TypeAlias = Callable[[State], tuple[Vec, Vec]]
-"""What holds the robot up in a state, and the inverse inertia that each motor feels, ``(n,)`` both; it may raise."""
+"""Holding torque in a state, and the inverse inertia of each motor, ``(n,)`` both; it may raise."""
 
 Start: TypeAlias = "tuple[Vec, Vec, Vec | None, Vec | None]"
 """Angles and v ``(nv,)`` of a state to come to rest from, and its Holding where that is known."""
 
 
 class Rest:
-    """What brings a robot to rest from the last good tick on; answers: native, every number is finite."""
+    """Brings a robot to rest from the last good tick; answers: native, every number is finite."""
 
     def __init__(self, answers: Any, holding: Holding | None = None) -> None:
         self.answers, self._holding = answers, holding
 
     def start(self, state: State | None) -> Start | None:
-        """What there is to know of the last good state, None where there was none."""
+        """Data of the last good state, None without one."""
         return None if state is None else (state.angles, state.v, *self._held(state))
 
     def _held(self, state: State) -> tuple[Vec | None, Vec | None]:
@@ -32,7 +32,7 @@ class Rest:
             return None, None
         try:
             return self._holding(state)
-        except Exception:  # whatever broke the tick, an element of the user's perhaps, may break this as well
+        except Exception:  # the cause of the failed tick, such as a user's element, may fail here as well
             return None, None
 
 

@@ -37,13 +37,12 @@ class ConstrainedDynamics:
     """qdd, tau and lambda of eq. (2) as maps of each other, refilled by ``update`` in preallocated arrays.
 
     nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
-    parents: of the coordinates, see ``coordinate_parents``; A is zero between branches.  A full A without them.
+    parents: parents of the coordinates, see ``coordinate_parents``; A is zero between branches.  A full A without them.
     After ``update``:  map ``(nv, n + 1)`` = [X, c]: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric, to the
     bit the rows of X that are actuated; singular where constraints take a direction from the actuators.  rank: number r
-    of independent constraints.
-    out: of the constraints ``(m,)``, to be written, 1 where one is not there: it has no force then.
-    terms: A, bias, J and gamma where they are arrays that are refilled in place.
-    The live arrays are overwritten by the next update; the properties are computed anew at every access.
+    of independent constraints.  out: mask of the constraints ``(m,)``, writable, 1 for an absent one: it has no force
+    then.  terms: A, bias, J and gamma where they are arrays that are refilled in place.  The live arrays are
+    overwritten by the next update; the properties are computed anew at every access.
     """
 
     def __init__(
@@ -78,7 +77,7 @@ class ConstrainedDynamics:
             "T": self._T,
             "top": self._top,
         }
-        """What native code makes the elimination of, and the rows that follow it; a file as well."""
+        """Data of the native elimination and of the rows that follow it; a file as well."""
         self.follow({"products": (), "picks": (), "motion": None}, None)
 
     def follow(self, rows: dict[str, Any], forces: dict[str, Any] | None) -> None:
@@ -98,7 +97,7 @@ class ConstrainedDynamics:
         self.refresh()
 
     def refresh(self) -> None:
-        """As ``update``, where the terms have been refilled in place."""
+        """Update if the terms have been refilled in place."""
         self.forget()
         self.rank = self.native.eliminate()
         if self.rank < 0:
@@ -111,15 +110,15 @@ class ConstrainedDynamics:
 
     @property
     def J(self) -> Mat:
-        """The constraints ``(m, nv)``, zeros for those that are out; as given where none is."""
+        """The constraints ``(m, nv)``, zeros for those that are out; the given array if none is out."""
         return np.where(self.out[:, None], 0.0, self._terms[2]) if self.out.any() else self._terms[2]
 
     def forget(self) -> None:
-        """Native code is to refill the arrays: what was derived from them is none of theirs."""
+        """Native code is to refill the arrays: results derived from the old arrays are invalid."""
         self._root = None
 
     def force_map(self) -> tuple[Mat, Vec]:
-        """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm where constraints are dependent."""
+        """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm if constraints are dependent."""
         both = self._expand(self._top)
         return both[:, : self.n], both[:, self.n]
 

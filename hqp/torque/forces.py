@@ -87,7 +87,7 @@ class Efforts:
 
     @property
     def fixed(self) -> bool:
-        """Whether no bound changes but with a reference."""
+        """True if no bound changes except with a reference."""
         return all(effort.constant is not None or effort.element.equality for effort in self._written)
 
     @property
@@ -121,8 +121,8 @@ class Forces:
     """Elements on the force of a reaction constraint: lower <= C f <= upper, f in contact axes, -lambda seen in them.
 
     Rows of a contact that are in world axes are turned into its frame; a contact whose rows are not simply a force
-    ``(3,)`` or a wrench ``(6,)`` tells by ``force_basis()`` ``(3 or 6, m)`` what they are.  An equality is a target
-    for C f, zero or the reference's value.
+    ``(3,)`` or a wrench ``(6,)`` defines them by ``force_basis()`` ``(3 or 6, m)``.  An equality is a target for C f,
+    zero or the reference's value.
     """
 
     def __init__(self, elements: Sequence[Element], held: Sequence[Element], rows: Assembly, robot: Robot) -> None:
@@ -158,7 +158,7 @@ class Forces:
         self._lower, self._upper = self._bounds
         self._declared = self._bounds.copy()
         self._out: list[slice] = []
-        self._frames: list[dict[str, Any]] = []  # that turn rows from their axes to the contacts'
+        self._frames: list[dict[str, Any]] = []  # turn rows from their axes to the contacts'
         for contact in dict.fromkeys(turned):
             part = rows.members[contact.name].part
             rotation, blocks = axes(contact, part.stop - part.start, robot)
@@ -170,7 +170,7 @@ class Forces:
 
     @property
     def parts(self) -> dict[str, Any] | None:
-        """What the native rows are made of once every element has its place, a file as well; None without any."""
+        """Data of the native rows once every element has its place, also for a file; None without any."""
         if not self._elements:
             return None
         return {
@@ -229,14 +229,14 @@ class Forces:
             self._upper[place] = self._lower[place]
         for shared in self._shared:
             value = references[shared.element.name].value
-            self._lower[shared.own] = self._upper[shared.own] = 0.0 if value is None else 0.0 * value  # NaN is told
+            self._lower[shared.own] = self._upper[shared.own] = 0.0 if value is None else 0.0 * value  # NaN is reported
             if value is None or np.isfinite(value).all():
                 shared.share[:] = shared.element.share if value is None else value
         self._free()
 
     @property
     def sizes(self) -> dict[str, int]:
-        """How many numbers the target of each equality has, by name."""
+        """Size of the target of each equality, by name."""
         apart = {shared.element.name: 1 for shared in self._shared}
         return apart | {name: place.stop - place.start for name, place, _ in self._targets}
 

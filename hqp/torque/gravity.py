@@ -23,7 +23,7 @@ _WORK = 4096
 class Gravity:
     """The torque that holds the robot, on the ground of ``normal`` and on that of ``gravity_normal``.
 
-    What the second needs is allocated at the first tick that has a reference with one.
+    The second one is allocated at the first tick that has a reference with one.
     """
 
     def __init__(self, held: Sequence[Element], robot: Robot, dt: float, dynamics: ConstrainedDynamics) -> None:
@@ -34,7 +34,7 @@ class Gravity:
 
     @staticmethod
     def asked(given: Sequence[Reference]) -> bool:
-        """Whether a reference of this tick has a gravity_normal."""
+        """True if a reference of this tick has a gravity_normal."""
         return any(reference.gravity_normal is not None for reference in given)
 
     def torque(self, g: Vec, J: Mat) -> Vec:
@@ -59,9 +59,9 @@ def _on_gravity_normal(r: Reference) -> Reference:
 
 
 def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
-    """tau ``(n,)`` with U^T tau - J^T lambda = g: what holds the robot at rest, UNbar^T g (Sentis 2012, eqs. 22, 57).
+    """tau ``(n,)`` with U^T tau - J^T lambda = g: the torque at rest, UNbar^T g (Sentis 2012, eqs. 22, 57).
 
-    Needs rank [J; U] full; of the internal forces of redundant constraints it takes those of least norm.
+    Needs rank [J; U] full; internal forces of redundant constraints are those of least norm.
     """
     nv, n, m = g.size, actuated.size, J.shape[0]
     system = np.zeros((nv, n + m), order="F")

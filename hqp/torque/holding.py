@@ -1,4 +1,4 @@
-"""That no motor comes to need more for rest than it has: bounds on holding torques beside those on torques."""
+"""Bound the holding torque of each motor below its limit: bounds on holding torques beside those on torques."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from hqp.programs.assembly import Assembly
 from hqp.torque.reactions import reactions
 
 RECOVERY = 0.1
-"""Of a motor's limit per second: how fast a joint comes back that its motor can hardly hold."""
+"""Fraction of a motor's limit per second: speed of return of a joint that its motor can hardly hold."""
 
 
 def within_holding(stack: Stack, robot: Robot, share: float) -> tuple[Stack, str]:
     """The stack with ``Within(HoldingTorque(...))``: motors hold the robot with a share of their limits, in any pose.
 
     It bounds joints with torque limits in ``subject_to`` that can come to need more, and that no contact or coupling
-    helps to hold.  Left out, and told in words, are those that need more at home.  A stack that bounds holding torques
-    itself stays as it is.
+    helps to hold.  Joints that need more at home are left out and listed in the text.  A stack that bounds holding
+    torques itself stays as it is.
     """
     from hqp.tasks import HoldingTorque, Within
 
@@ -89,7 +89,7 @@ def _carried(stack: Stack, robot: Robot) -> Mask:
 
 
 def most_needed(robot: Robot) -> Vec:
-    """More than any posture asks of the joint of each body ``(n,)`` [N m or N]: what it carries, all stretched out."""
+    """Upper bound on the gravity torque at the joint of each body ``(n,)`` [N m or N]: its subtree stretched out."""
     robot.state(robot.home).kinematics()
     bodies, g = robot.bodies, robot.gravity
     mass, away, across, needed = (np.zeros(len(bodies)) for _ in range(4))  # moments: in any direction, across the axis

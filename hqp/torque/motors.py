@@ -1,4 +1,4 @@
-"""A net under stacks that bound no torques themselves: a few times what the robot's motors give."""
+"""A net under stacks that bound no torques themselves: a few times the robot's motor torques."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from hqp.torque.gravity import holding_torque
 from hqp.torque.reactions import reactions
 
 OVERLOAD = 3.0
-"""Of a motor's limit: more is no plan but a singularity of the dynamics.  A motor that is a little too weak for a
-target would, at its limit, set the whole body moving to make up for it: that is for the user to ask for."""
+"""Fraction of a motor's limit: more is no plan but a singularity of the dynamics.  A motor that is a little too weak
+for a target would, at its limit, set the whole body moving to make up for it: users can declare this themselves."""
 
 
 def within_motors(stack: Stack, robot: Robot) -> tuple[Stack, str]:
-    """The stack with ``TorqueLimits(scale=OVERLOAD)`` before everything else, and what they leave out, in words.
+    """The stack with ``TorqueLimits(scale=OVERLOAD)`` before everything else, and a note on omitted motors.
 
     A stack with bounds on torques in ``subject_to`` stays as it is.  Left out are joints for which that is not enough
     to hold the robot at home on the stack's contacts: it is a wrong number, and the robot would sink without a word.

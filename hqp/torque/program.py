@@ -41,23 +41,23 @@ from hqp.torque.terms import Terms
 class Torque(Formulation):
     """x is the torque of the actuated joints ``(n_actuated,)`` [N m]; rows J X tau = a - dJ/dt v - J c, metric phi*.
 
-    Contacts and couplings in ``subject_to`` have reaction forces: J_constr qdd + dJ/dt qd = 0 holds exactly and is
-    no row (eqs. 4, 21), qdd = X tau + c.  In a level they are motion tasks.  Torque limits are bounds on x, contact
-    force limits rows on lambda(tau) (eq. 3).  With levels of equalities the answer is the prioritised law of
-    eqs. (48) to (53) with every coupling compensated; what the levels leave is settled by Gauss' principle,
-    min tau^T phi* tau, and then by least tau.
+    Contacts and couplings in ``subject_to`` have reaction forces: J_constr qdd + dJ/dt qd = 0 holds exactly and is no
+    row (eqs. 4, 21), qdd = X tau + c.  In a level they are motion tasks.  Torque limits are bounds on x, contact force
+    limits rows on lambda(tau) (eq. 3).  With levels of equalities the answer is the prioritised law of eqs. (48) to
+    (53) with every coupling compensated; Gauss' principle, min tau^T phi* tau, and then least tau resolve the remaining
+    freedom.
 
-    law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of reaction
-    constraints; none by default, for ground does not move on request.  loop_law: the same for those between two frames
-    of the robot (``Weld``), whose error its own joints undo.  gravity_compensation: what the levels leave
-    is settled by min |tau - tau_g| in phi* instead (eq. 27), tau_g the torque that holds the robot: it floats rather
-    than falls; wheels then hold a robot on a slope whose goals all move with it.
-    effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else,
-    unless it is exact (price=0) or its solver takes no inequalities: a net, for a leg that comes to be straight would
-    else ask for 1e7 N m and more.  Motors for which that could not hold the robot at home are left out.
-    holding: share of the torque limits in ``subject_to`` that it may come to take to hold a joint against gravity,
-    ``Within(HoldingTorque(...))``, for joints that no contact helps to hold: with all of its torque used up for that,
-    a robot can but fall.  None for no such bound; none for exact stacks and solvers without inequalities.
+    law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of reaction constraints;
+    none by default, for ground does not move on request.  loop_law: law of constraints between two frames of the robot
+    (``Weld``), whose error its own joints correct.  gravity_compensation: min |tau - tau_g| in phi* resolves the
+    remaining freedom instead (eq. 27), tau_g the torque that holds the robot: it floats rather than falls; wheels then
+    hold a robot on a slope whose goals all move with it.  effort_limits: a stack that bounds no torque in
+    ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else, unless it is exact (price=0) or its solver takes no
+    inequalities: a default bound, because a leg near its straight pose would else need 1e7 N m and more.  Motors for
+    which that could not hold the robot at home are left out.  holding: share of the torque limits in ``subject_to``
+    that it may come to take to hold a joint against gravity, ``Within(HoldingTorque(...))``, for joints that no contact
+    helps to hold: with all of its torque used up for that, a robot can but fall.  None for no such bound; none for
+    exact stacks and solvers without inequalities.
     """
 
     order: ClassVar[int] = 2
@@ -103,8 +103,8 @@ class Torque(Formulation):
     def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
         """Resolve names, allocate, bind.
 
-        Raises DeclarationError or ModelError for what does not fit, and DeclarationError where the constraints
-        leave rank [J_constr; U] short, so that the actuators do not determine the motion (after eq. 12).
+        Raises DeclarationError or ModelError for a misfit, and DeclarationError if the constraints leave rank
+        [J_constr; U] short, so that the actuators do not determine the motion (after eq. 12).
         """
         return TorqueProgram(self, stack, robot, dt, price)
 
@@ -147,7 +147,7 @@ class TorqueProgram(Program):
         self._robot = robot
         self._held_names = frozenset(e.name for e in held)
         self.efforts_changed = False
-        """Whether the latest ``go_without`` changed which elements on torques are out."""
+        """True if the latest ``go_without`` changed the elements on torques that are out."""
         self._unusable: tuple[str, ...] = ()
         self._targets = [
             (name, self.problem.levels[place.level].lower[place.part])
@@ -156,7 +156,8 @@ class TorqueProgram(Program):
         ]
 
     def _lay_out(self, groups: Sequence[Group], robot: Robot, paid: LevelPrices | None) -> None:
-        """Where every element's rows go: levels that only bound tau are selections, the others slices of one block."""
+        """Assign the rows of every element: levels that only bound tau are selections, the others slices of one
+        block."""
         n, members = robot.actuated.size, self.assembly.members
         sizes = [sum(self._size(e) for e in group.elements) for group in groups]
         total = sum(size for size, group in zip(sizes, groups, strict=True) if not group.selection)
@@ -257,7 +258,7 @@ class TorqueProgram(Program):
         self._efforts.out = out
 
     def refuses(self, out: frozenset[str]) -> str:
-        """Why these elements may not be out together: what is left does not determine the motion."""
+        """Why these elements may not be out together: the remaining constraints do not determine the motion."""
         if out.isdisjoint(self._held_names):
             return ""
         gone = [e.name for e in self.held if e.name in out]
@@ -271,7 +272,7 @@ class TorqueProgram(Program):
         )
 
     def prepare(self, state: State) -> None:
-        """Compute what the rows and the equation of motion need of the state."""
+        """Compute the quantities of the state for the rows and the equation of motion."""
         state.out = self.out
         self._terms.prepare(state)
         self._begin(state)
@@ -354,12 +355,12 @@ class TorqueProgram(Program):
         )
 
     def parts(self) -> dict[str, Any]:
-        """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
+        """Data of a tick before the solver, for a file (docs/plan_file.md)."""
         mine = {"dynamics": self._terms.parts, "loads": self.loads.parts, "torque": self.dynamics.parts}
         return {**super().parts(), **mine}
 
     def in_python(self) -> tuple[str, str] | None:
-        """The first element that leaves something to Python, and what."""
+        """First element that needs Python, with the reason."""
         if self._self_motions:
             return "SelfMotion", "its demand is written in Python"
         if not self._efforts.fixed:
@@ -377,7 +378,7 @@ class TorqueProgram(Program):
 
     @property
     def force_targets(self) -> dict[str, int]:
-        """How many numbers a target of forces has, by name: those that ``aim_forces`` takes between native ticks."""
+        """Size of each force target, by name: ``aim_forces`` takes these between native ticks."""
         return self._forces.sizes
 
     def aim_forces(self, references: Mapping[str, Reference]) -> None:
@@ -390,7 +391,7 @@ class TorqueProgram(Program):
         return hold(robot, braking, self.dt, held)
 
     def remarks(self, state: State) -> tuple[str, ...]:
-        """What each load asks of the motors to be held, in words."""
+        """Motor torques that hold each load, in words."""
         if not self.loads:
             return ()
         J, actuated = self.dynamics.J, state.robot.actuated
@@ -404,7 +405,7 @@ class TorqueProgram(Program):
         return tuple(found)
 
     def _rest_in_place(self, name: str) -> None:
-        """Of a reaction constraint keep the rows that are numbers, with no acceleration asked: J qdd = 0."""
+        """Keep the finite rows of a reaction constraint, with zero acceleration: J qdd = 0."""
         if name in self._held_names:
             part = self.assembly.members[name].part
             self.assembly.lower[part] = self.assembly.upper[part] = 0.0

@@ -1,4 +1,5 @@
-"""How a stack reads at torque level: what acts by a force, what is a row, and whether the motion is determined."""
+"""Interpretation of a stack at torque level: elements that act by a force, elements with rows, and the rank condition
+on the motion."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ def reactions(stack: Stack) -> tuple[Element, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Actuation:
-    """Whether constraints and actuators together determine every motion: rank [J_constr; U] = nv (after eq. 12).
+    """Rank condition of constraints and actuators on the motion: rank [J_constr; U] = nv (after eq. 12).
 
     rank: of J.  smallest: its least non-zero singular value over the largest.  full_rank: of [J; U].
     full_smallest: least singular value of [J; U], zero where the rank is short.
@@ -40,7 +41,7 @@ class Actuation:
 
     @property
     def complete(self) -> bool:
-        """Whether the rank of [J; U] is full, so that qd follows from the actuated velocities alone (eq. 13)."""
+        """True if the rank of [J; U] is full, so that qd follows from the actuated velocities alone (eq. 13)."""
         return self.full_rank == self.nv
 
     def __str__(self) -> str:
@@ -51,7 +52,8 @@ class Actuation:
 
 
 def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Actuation:
-    """Ranks and conditioning of J ``(m, nv)`` and [J; U]; as many rows as unactuated coordinates do not suffice."""
+    """Ranks and conditioning of J ``(m, nv)`` and [J; U]; at least as many rows as unactuated coordinates do not
+    suffice."""
     m, nv = J.shape
     U = np.zeros((actuated.size, nv))
     U[np.arange(actuated.size), actuated] = 1.0
@@ -64,14 +66,14 @@ def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Act
 
 
 _KNOWN: WeakKeyDictionary[Robot, dict[tuple[Element, ...], Actuation]] = WeakKeyDictionary()
-"""What was found complete before: a change of stack within the loop need not find it again."""
+"""Cache of complete sets: a change of stack within the loop need not find it again."""
 
 AROUND = 0.3
-"""How far from home joints are where rows are looked at: home may be a pose where they depend [m, rad]."""
+"""Distance of joints from home for sampled rows: home may be a pose where they depend [m, rad]."""
 
 
 class Supports:
-    """Which sets of constraints determine the motion, by their rows at home and around it."""
+    """Sets of constraints that determine the motion, by their rows at home and around it."""
 
     def __init__(self, held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> None:
         self._owners = [e.name for e in held for _ in range(e.rows(robot))]
@@ -80,7 +82,8 @@ class Supports:
         self._known: dict[frozenset[str], bool] = {}
 
     def determined(self, out: frozenset[str]) -> bool:
-        """Whether rank [J_constr; U] is full without these: that of the rest in the passive coordinates is."""
+        """Return true if rank [J_constr; U] is full without these: equivalently that of the rest in the passive
+        coordinates."""
         if out not in self._known:
             kept = [i for i, name in enumerate(self._owners) if name not in out]
             self._known[out] = any(_rank(J[kept]) == J.shape[1] for J in self._rows)

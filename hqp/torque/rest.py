@@ -17,7 +17,7 @@ from hqp.torque.gravity import Gravity
 
 
 class Held:
-    """tau_g(q) and the diagonal of phi* (Sentis 2012, eq. 15) with the loads that were told last.
+    """tau_g(q) and the diagonal of phi* (Sentis 2012, eq. 15) with the latest loads.
 
     out: live, 1 for rows of the constraints that are not there.
     """
@@ -33,7 +33,7 @@ class Held:
         self._gravity = Gravity(self._held, self._twin, dt, self._dynamics)
 
     def __call__(self, state: State) -> tuple[Vec, Vec]:
-        """The torque ``(n,)`` [N m] and phi*_ii ``(n,)``; raises what the dynamics raise."""
+        """The torque ``(n,)`` [N m] and phi*_ii ``(n,)``; raises the errors of the dynamics."""
         twin = self._twin.state(state.q, state.v)
         self._rows.fill(twin, {e.name: e.hold(twin) for e in self._held}, ())
         gravity, dynamics = self._loads.gravity(twin), self._dynamics

@@ -11,7 +11,7 @@ from hqp.problem import Motion
 
 
 class TorqueRows:
-    """What native code refills rows and motion from, all of it in arrays that stay.
+    """Arrays from which native code refills rows and motion, all of them live.
 
     map: ``(nv, n + 1)``, [X, c].  asked, bounds: ``(2, m)``, lower and upper bounds on qdd and on tau.
     """
@@ -39,5 +39,5 @@ class TorqueRows:
 
 
 def asked_rows(A: Mat, asked: Mat, bounds: Mat) -> dict[str, Any]:
-    """Rows with bounds as asked, and where they go."""
+    """Rows with requested bounds, and their destination."""
     return {"A": A, "asked_lower": asked[0], "asked_upper": asked[1], "lower": bounds[0], "upper": bounds[1]}

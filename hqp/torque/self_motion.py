@@ -1,4 +1,4 @@
-"""The posture law with a Lyapunov function: what the tasks above leave free, and how that turns with the motion."""
+"""The posture law with a Lyapunov function: null space of the tasks above, and its derivative along the motion."""
 
 from __future__ import annotations
 

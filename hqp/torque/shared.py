@@ -1,4 +1,4 @@
-"""Contacts that forces are seen at: their axes, and pairs of them that share what they bear."""
+"""Contacts that forces are seen at: Contacts of reaction forces: their axes, and pairs that share a load."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def named(element: Element, name: object, by_name: Mapping[str, Element]) -> Ele
 def axes(contact: Element, size: int, robot: Robot) -> tuple[Mat, list[slice]]:
     """Live rotation of the contact's frame and the three-row blocks of its rows that are in world axes.
 
-    Those of a Weld are in the axes of the frame that it is relative to, and stay there.
+    Rows of a Weld are in the axes of the frame that it is relative to, and stay there.
     """
     frame = getattr(contact, "frame", None)
     if frame is None or size < 3 or getattr(contact, "relative_to", None) is not None:

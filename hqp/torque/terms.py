@@ -37,7 +37,7 @@ class Terms:
             rows.dynamics(self.parts)
 
     def prepare(self, state: State) -> None:
-        """Compute what the rows and these terms need of a state."""
+        """Compute the quantities of a state for the rows and these terms."""
         if self.native:
             state.kinematics()
         else:
