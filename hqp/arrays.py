@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hqp.errors import ProblemError
 
 FLOAT = np.dtype(np.float64)
+_EPS = float(np.finfo(np.float64).eps)
 
 Vec: TypeAlias = NDArray[np.float64]
 """A vector ``(n,)`` of float64."""
@@ -66,8 +67,12 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def rank(A: Mat, rtol: float | None = None) -> int:
-    """The rank of A; 0 of an empty matrix, which NumPy 2.3 refuses."""
-    return int(np.linalg.matrix_rank(A, rtol=rtol)) if A.size else 0
+    """Return the rank of A, 0 for an empty matrix.
+
+    rtol: singular values below rtol times the largest count as zero; None takes max(m, n) eps, as NumPy does.
+    """
+    sizes = np.linalg.svd(A, compute_uv=False) if A.size else np.zeros(0)
+    return int(np.count_nonzero(sizes > (max(A.shape) * _EPS if rtol is None else rtol) * sizes.max(initial=0.0)))
 
 
 def row_lengths(A: Mat) -> Vec:

@@ -87,18 +87,27 @@ def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, ser
     no, yes = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_TRUE
     limited = yes if effort[0] < effort[1] else no
     if actuation == "torque":
-        actuator.set_to_motor()
+        _set_force(actuator, 1.0, (0.0, 0.0))
         actuator.ctrlrange, actuator.ctrllimited = effort, limited
         actuator.forcelimited = no
     else:
         if servo is None:
             raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...), or torques")
         kp = servo.gain(name)
-        actuator.set_to_position(kp=kp, kv=servo.damping_time * kp)
+        _set_force(actuator, kp, (kp, servo.damping_time * kp))
         actuator.ctrllimited = no
         actuator.forcerange, actuator.forcelimited = effort, limited
     if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def _set_force(actuator: Any, gain: float, stiffness: tuple[float, float]) -> None:
+    """Make the force gain u - kp q - kv v, stiffness = (kp, kv); MuJoCo 3.2 has no set_to_motor and set_to_position."""
+    kp, kv = stiffness
+    actuator.dyntype, actuator.gaintype = mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtGain.mjGAIN_FIXED
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE if kp or kv else mujoco.mjtBias.mjBIAS_NONE
+    actuator.gainprm[0] = gain
+    actuator.biasprm[:3] = 0.0, -kp, -kv
 
 
 def _effort(actuator: Any, joint: Any | None) -> tuple[float, float]:

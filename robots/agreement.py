@@ -9,7 +9,8 @@ from hqp.errors import ModelError
 
 from .description import Description
 from .mjcf_names import body_names
-from .mujoco_extra import mujoco
+from .mujoco_extra import full_inertia, mujoco
+from .releases import crba
 from .state_map import StateMap
 
 _TOLERANCE = 1e-8  # relative to the largest length, mass, or inertia
@@ -46,12 +47,10 @@ def check(found: Description) -> None:
             raise _off(found, f"position of body {name!r} [m]", placed.translation, position)
         if not np.abs(placed.rotation.ravel() - rotation).max() <= _TOLERANCE:
             raise _off(found, f"rotation of body {name!r}", placed.rotation.ravel(), rotation)
-    pin.crba(model, here, q)
+    crba(model, here, q)
     M = np.triu(here.M) + np.triu(here.M, 1).T
-    full = np.zeros((simulated.nv, simulated.nv))
-    mujoco.mj_fullM(simulated, data, full)
     B = state_map.tangent(data.qpos)
-    expected = B.T @ full @ B
+    expected = B.T @ full_inertia(simulated, data) @ B
     # each entry against the two coordinates' own inertia: a finger counts as much as a base
     scale = np.sqrt(np.abs(np.diag(expected)))
     off = np.abs(M - expected) / np.maximum(np.outer(scale, scale), 1e-15)

@@ -15,6 +15,8 @@ from .mjcf_names import body_names, joint_names
 from .mujoco_extra import mujoco
 from .tables import Tables
 
+_LABEL = "hqp_unnamed_"
+
 
 def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Path, dict[str, Any]]:
     """The robot's model as a MjSpec, its file, and the ``robot.toml`` of our own ones; raises ModelError.
@@ -68,15 +70,18 @@ def prepared(spec: Any, timestep: float) -> Any:
 
 def name_all(spec: Any) -> None:
     """Give bodies and joints without a name the one that the robot knows them by."""
-    twin = spec.copy()  # compiled once more, geoms between two points are refused
-    simulated = twin.compile()
-    bodies, joints = body_names(simulated), joint_names(simulated)
-    for body, same in zip(spec.bodies, twin.bodies, strict=True):
-        if not body.name:
-            body.name = bodies[same.id]
-    for joint, same in zip(spec.joints, twin.joints, strict=True):
-        if not joint.name:
-            joint.name = joints[same.id]
+    unnamed = [item for item in (*spec.bodies, *spec.joints) if not item.name]
+    if not unnamed:
+        return
+    labelled = spec.copy()  # compiled once more, geoms between two points are refused
+    for k, item in enumerate(item for item in (*labelled.bodies, *labelled.joints) if not item.name):
+        item.name = f"{_LABEL}{k}"
+    simulated, twin = spec.copy().compile(), labelled.compile()
+    names = (body_names(simulated), joint_names(simulated))
+    at = {twin.body(i).name: names[0][i] for i in range(twin.nbody)}
+    at |= {twin.joint(i).name: names[1][i] for i in range(twin.njnt)}
+    for k, item in enumerate(unnamed):
+        item.name = at[f"{_LABEL}{k}"]
 
 
 def root_of(spec: Any, robot: Any) -> str:

@@ -39,7 +39,7 @@ def read(found: Description, model: Any, kind: Kind) -> Any:
 def _loader(path: Path) -> Any:
     found = _LOADERS.get(path)
     if found is None:
-        import coal
+        from hqp.collision_library import coal
 
         found = _LOADERS[path] = coal.CachedMeshLoader()
     return found
@@ -68,7 +68,7 @@ def _from_mujoco(found: Description, kind: Kind) -> Any:
         name = simulated.geom(g).name or f"{simulated.body(body).name or body}_{g - simulated.body_geomadr[body]}"
         while model.existGeometryName(name):
             name += "_"
-        item = pin.GeometryObject(name, joint, placement * local, shape)
+        item = pin.GeometryObject(name=name, parent_joint=joint, placement=placement * local, collision_geometry=shape)
         item.meshColor = np.array(simulated.geom_rgba[g], dtype=np.float64)
         model.addGeometryObject(item)
     return model
@@ -76,7 +76,7 @@ def _from_mujoco(found: Description, kind: Kind) -> Any:
 
 def _shape(simulated: Any, geom: int) -> Any:
     """The coal shape of a geom; None for height fields and signed distance functions."""
-    import coal
+    from hqp.collision_library import coal
 
     from .mujoco_extra import mujoco
 
@@ -104,7 +104,7 @@ def _shape(simulated: Any, geom: int) -> Any:
 
 def mesh_shape(points: Mat, faces: Any) -> Any:
     """A coal mesh of points ``(n, 3)`` [m] and triangles ``(m, 3)``."""
-    import coal
+    from hqp.collision_library import coal
 
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(faces), len(points))

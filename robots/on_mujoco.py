@@ -24,7 +24,7 @@ from .actuators import Actuation, Servo, fit
 from .assembly import add_imu, find, root_of, set_armature
 from .frames import Frames
 from .ground_contact import Contacts, out_of_ground, watch
-from .mujoco_extra import mujoco
+from .mujoco_extra import full_inertia, mujoco
 from .rotors import rotor_inertia
 from .sensors import Noise, Reading, Sensors, rotation_vector
 from .state_map import StateMap, quaternion
@@ -91,6 +91,7 @@ class Plant:
         site = add_imu(spec, imu or about.get("imu", root))
         scene.dress(spec, root, terrain)
         self.model, self.terrain, self.sensors, self.actuation = spec.compile(), terrain, sensors, actuation
+        scene.light(self.model)
         self.data = mujoco.MjData(self.model)
         self._frames = Frames(self.model)
         self._gyro, self._accelerometer = (self.data.sensor(f"plant_{s}").data for s in ("gyro", "accelerometer"))
@@ -229,10 +230,8 @@ class Plant:
 
     def mass_matrix(self) -> Mat:
         """Inertia in Pinocchio's coordinates ``(nv, nv)``, armature included; rollers stand still on their hub."""
-        full = np.zeros((self.model.nv, self.model.nv))
-        mujoco.mj_fullM(self.model, self.data, full)
         B = self.map.tangent(self.data.qpos)
-        return np.asarray(B.T @ full @ B)
+        return np.asarray(B.T @ full_inertia(self.model, self.data) @ B)
 
     def contacts(self) -> Contacts:
         """Ground contact of the watched frames during the last step, without noise."""

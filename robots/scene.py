@@ -38,20 +38,27 @@ def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
     _cameras(spec, root)
 
 
+def light(model: Any) -> None:
+    """Set light and size of pictures in the compiled model; MuJoCo 3.2 gives a MjSpec no access to them."""
+    model.vis.headlight.ambient[:] = 0.35
+    model.vis.headlight.diffuse[:] = 0.25
+    model.vis.headlight.specular[:] = 0.0
+    model.vis.quality.shadowsize = 4096
+    model.vis.global_.offwidth, model.vis.global_.offheight = 1280, 960  # of pictures without a screen
+    model.stat.extent = 2.5  # the shadow map spans this, not the whole ground
+
+
 def _sky_and_light(spec: Any) -> None:
     sky = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, "width": 512, "height": 512}
     kind = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     spec.add_texture(name="plant_sky", type=kind, rgb1=[0.86, 0.90, 0.95], rgb2=[0.98, 0.98, 0.98], **sky)
-    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
-    spec.visual.headlight.specular = [0.0, 0.0, 0.0]
-    spec.visual.quality.shadowsize = 4096
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960  # of pictures without a screen
-    spec.stat.extent = 2.5  # the shadow map spans this, not the whole ground
     # directional: MuJoCo lights planes by their few corners, where spots leave them dark
     for name, direction, strength in (("key", (-0.35, 0.55, -0.75), 0.5), ("fill", (0.5, -0.6, -0.6), 0.25)):
         light = spec.worldbody.add_light(name=name, dir=direction, castshadow=name == "key")
-        light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        if hasattr(mujoco, "mjtLightType"):
+            light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        else:
+            light.directional = True
         light.mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK
         light.pos = [-4.0 * x for x in direction]
         light.diffuse = [strength] * 3

@@ -16,6 +16,7 @@ from hqp.errors import ModelError, StaleState
 from . import carried
 from .checks import normalise, not_finite
 from .joints import matrix
+from .releases import crba
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Load
@@ -126,7 +127,7 @@ class State:
             pin.forwardKinematics(model, data, self.q, self.v, _zeros(robot.nv))
         elif what == _INERTIA:
             self.kinematics()
-            pin.crba(model, data, self.q, pin.Convention.WORLD)
+            crba(model, data, self.q)
         elif what == _MASS:
             self._need(_INERTIA)
             upper = _upper(robot.nv)

@@ -18,6 +18,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import JointNotFound, ModelError
@@ -179,10 +180,8 @@ class StateMap:
 
 def _axis(model: Any, index: int) -> Vec:
     """Axle of a single-axis joint in its parent's axes, ``(3,)``."""
-    joint = model.joints[index]
-    data = joint.createData()
-    joint.calc(data, np.zeros(model.nq))
-    return np.asarray(model.jointPlacements[index].rotation @ np.ravel(data.S)[3:], dtype=np.float64)
+    J = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), index)
+    return np.asarray(model.jointPlacements[index].rotation @ J[3:, model.joints[index].idx_v], dtype=np.float64)
 
 
 def _rotation(wxyz: Vec) -> Mat:

@@ -6,10 +6,10 @@ import math
 from functools import lru_cache
 from typing import Any
 
-import coal  # pyright: ignore[reportMissingImports]  # beside Pinocchio, in its own folder
 import numpy as np
 
 from hqp.arrays import Mat, Vec, cross
+from hqp.collision_library import MESH_DISTANCES, coal
 from hqp.errors import DeclarationError
 from hqp.shapes import Shape
 
@@ -31,6 +31,13 @@ def _load(kind: str, file: str, scale: tuple[float, ...]) -> Any:
 
 def read(shape: Shape) -> Any:
     """The geometry of a mesh, read once; raises DeclarationError for a file that cannot be read."""
+    if not MESH_DISTANCES:
+        raise DeclarationError(
+            f"shape {shape.name!r}",
+            "distances to meshes need coal, which comes with Pinocchio 3: pip install 'pin>=3.8'",
+            value=shape.kind,
+            allowed="a box, sphere, capsule or half-space beside Pinocchio 2",
+        )
     try:
         return _load(shape.kind, shape.file, shape.size)
     except (ValueError, RuntimeError) as error:

@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Vec, floats
 from hqp.declare import plans
 from hqp.declare.element import Inequality, Task, Unit
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
+from hqp.errors import ProblemError
 
 from .fields import check_axes, check_number, indices, joint_columns, set_names
 
@@ -31,7 +32,11 @@ class _RateTask(Task):
 
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
         """Velocity and acceleration ``(m,)`` to have; raises DeclarationError for a value that is not zero."""
-        if value is not None and (not isinstance(value, (np.ndarray, list, tuple, float, int)) or np.any(value)):
+        try:
+            placed = value is not None and bool(np.any(floats("value", value)))
+        except ProblemError:
+            placed = True
+        if placed:
             raise self.invalid("value", value, "None, this task follows velocity=...")
         given = [None if x is None else np.atleast_1d(np.asarray(x)) for x in (velocity, acceleration)]
         size = next((np.size(x) for x in given if x is not None), 0)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hqp import native
 
-REQUIRED = ("numpy", "scipy", "pin", "qpsolvers", "proxsuite", "osqp", "rich", "threadpoolctl")
+REQUIRED = ("numpy", "scipy", "pin")
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "mujoco": ("mujoco",),
@@ -21,21 +21,21 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "motion": ("example-robot-data", "bvhio", "plotly"),
     "view": ("viser", "trimesh", "pycollada"),
     "robots": ("example-robot-data",),
-    "solvers": ("daqp", "piqp", "clarabel"),
-    "quadprog": ("quadprog",),
-    "lab": ("plotly", "pyarrow"),
-    "sweep": ("pyarrow", "ray"),
+    "solvers": ("qpsolvers", "proxsuite", "osqp", "daqp", "piqp", "clarabel"),
+    "quadprog": ("qpsolvers", "quadprog"),
+    "lab": ("plotly", "pyarrow", "rich", "threadpoolctl"),
+    "sweep": ("pyarrow", "ray", "rich"),
     "gym": ("gymnasium",),
 }
 """Extras of hqp, and the packages that each installs."""
 
-BENCH = (*EXTRAS["mujoco"], *EXTRAS["plots"], *EXTRAS["solvers"], *EXTRAS["robots"])
+BENCH = tuple(name for extra in ("mujoco", "plots", "solvers", "robots", "lab") for name in EXTRAS[extra])
 CONTRIBUTORS: dict[str, tuple[str, ...]] = {
-    "docs": ("mkdocs-material", "mkdocstrings", "gymnasium"),
+    "docs": ("mkdocs-material", "mkdocstrings", "gymnasium", "ruff"),
     "browser": (*EXTRAS["view"], *EXTRAS["robots"], "playwright"),
     "bench": BENCH,
     "dev": (
-        *BENCH, *EXTRAS["lab"], *EXTRAS["motion"], *EXTRAS["video"],
+        *BENCH, *EXTRAS["motion"], *EXTRAS["video"], *EXTRAS["view"],
         "pytest", "pytest-timeout", "pytest-xdist", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
     ),
 }  # fmt: skip

@@ -9,9 +9,9 @@ from time import perf_counter_ns, process_time_ns
 from typing import Literal
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from hqp.arrays import Vec
+from hqp.commands.threads import one_thread
 from hqp.comparison.table import Comparison, Line
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
@@ -67,7 +67,7 @@ def compare(
     if price == "both":
         able = [(f"{name}, priced", solver) for name, solver in named if solver.priced]
         runs = [(named, [p.exact() for p in problems]), (able, problems)]
-    with threadpool_limits(limits=1):
+    with one_thread():
         found = [_run_all(solving, given, repeats) for solving, given in runs]
     return Comparison(
         str(stack), robot.name, session.program.level_names, len(problems), len(problems) * repeats,

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg.lapack import dgelsd as gelsd  # pyright: ignore[reportAttributeAccessIssue]
-from scipy.linalg.lapack import dgelsd_lwork as gelsd_lwork  # pyright: ignore[reportAttributeAccessIssue]
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot, State
@@ -60,7 +58,12 @@ class MomentumObserver:
         self.residual: Vec = np.zeros(robot.nv)
         """r ``(nv,)`` [N, N m]; of joints between the ground and the limb it holds contact forces too."""
         self._before: tuple[Mat, Vec, Vec] | None = None
-        work, integers, _ = gelsd_lwork(columns.size, 3, 1)
+        from scipy.linalg import lapack  # an exported plan is followed without SciPy
+
+        self._gelsd = lapack.dgelsd  # pyright: ignore[reportAttributeAccessIssue]
+        work, integers, _ = lapack.dgelsd_lwork(  # pyright: ignore[reportAttributeAccessIssue]
+            columns.size, 3, 1
+        )
         self._work, self._integers = int(work), int(integers)
 
     def update(self, state: State, torque: Vec) -> Vec:
@@ -89,5 +92,5 @@ class MomentumObserver:
     def force(self, state: State) -> Vec:
         """Least squares over the rows of the joints, at a state ``(3,)`` [N]."""
         transposed = self._rows @ state.jacobian(self.frame)[:3].T
-        found, *_ = gelsd(transposed, self._rows @ self.residual, self._work, self._integers, cond=1e-6)
+        found, *_ = self._gelsd(transposed, self._rows @ self.residual, self._work, self._integers, cond=1e-6)
         return np.array(found[:3], dtype=np.float64)

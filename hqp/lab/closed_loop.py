@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from hqp.commands.manifest import manifest
+from hqp.commands.threads import one_thread
 from hqp.declare.stack import Stack
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
 from hqp.programs.formulation import Formulation, Velocity
@@ -63,7 +62,7 @@ def bench(
                 progress(name, done / ticks)
 
         try:
-            with threadpool_limits(limits=1):
+            with one_thread():
                 one = run(
                     stack, robot, solver, name, formulation, motion,
                     dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, told=told,
@@ -76,7 +75,7 @@ def bench(
         lines.append(summarise(one))
     if not lines:
         raise HqpError("no solver to run")
-    with threadpool_limits(limits=1):  # as the loops ran
+    with one_thread():  # as the loops ran
         about = manifest(
             stack=str(stack),
             robot=robot.name,

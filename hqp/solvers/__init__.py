@@ -48,7 +48,11 @@ _BUILT_IN = {
 
 _BACKENDS = ("proxqp", "osqp", "daqp", "piqp", "clarabel", "quadprog")
 _PACKAGES = {"proxqp": "proxsuite", "highs": "highspy", "qpswift": "qpSWIFT"}
+_ALONE = ("proxqp", "osqp")
+"""Back ends through their own packages; every other one goes through qpsolvers."""
 _DEFAULT_BACKEND = "proxqp"  # back end of cascade and weighted
+_EXTRA = ("proxqp", "osqp", "daqp", "piqp", "clarabel")
+_INSTALL = "pip install 'hqp[solvers]'"
 
 
 def __getattr__(name: str) -> object:
@@ -118,7 +122,9 @@ def _factory(name: str) -> Any:
     for point in _entry_points():
         if point.name == name:
             return point.load()
-    raise DeclarationError("solver", f"unknown name; closest: {', '.join(closest(name, known()))}", value=name)
+    near = closest(name, known())
+    what = f"unknown name; closest: {', '.join(near)}" if near else "unknown name"
+    raise DeclarationError("solver", what, value=name, allowed=", ".join(known()))
 
 
 def _entry_points() -> Iterable[EntryPoint]:
@@ -139,16 +145,22 @@ def _check_backend(solver: str, backend: str) -> None:
     """Raise DeclarationError for a back end that neither hqp nor qpsolvers knows."""
     if not backend or backend in _BACKENDS:
         return
-    import qpsolvers
+    names, more = {*_BACKENDS, *_PACKAGES}, ""
+    if importlib.util.find_spec("qpsolvers") is not None:
+        import qpsolvers
 
-    names = sorted({*_BACKENDS, *qpsolvers.available_solvers, *_PACKAGES})
+        names |= set(qpsolvers.available_solvers)
+    else:
+        more = f", and more with qpsolvers: {_INSTALL}"
     if backend not in names:
         near = ", ".join(closest(backend, names) or _BACKENDS)
-        raise DeclarationError(f"solver {solver}", f"unknown back end; closest: {near}", value=backend)
+        raise DeclarationError(f"solver {solver}", f"unknown back end; closest: {near}{more}", value=backend)
 
 
 def _missing(backend: str) -> str:
-    package = _PACKAGES.get(backend, backend)
-    if not package or importlib.util.find_spec(package) is not None:
+    """The pip line for what a back end lacks, "" for nothing."""
+    needed = [_PACKAGES.get(backend, backend), *(() if backend in _ALONE else ("qpsolvers",))] if backend else []
+    lacking = [package for package in needed if importlib.util.find_spec(package) is None]
+    if not lacking:
         return ""
-    return f"pip install {package}"
+    return _INSTALL if backend in _EXTRA else f"pip install {' '.join(lacking)}"

@@ -23,7 +23,7 @@ BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadp
 
 FLOORS = (
     {"errors", "markdown", "tolerances"},
-    {"arrays", "native", "sweep", "web"},
+    {"arrays", "collision_library", "native", "sweep", "web"},
     {"floating_base", "problem", "shapes"},
     {"solvers"},
     {"declare"},

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import hqp
+from hqp.collision_library import coal
 from hqp.robots import Robot
 from hqp.tasks import Damping, Manipulability, Momentum, Position, Posture
 
@@ -54,7 +54,14 @@ def test_it_is_the_same_robot(base: Any) -> None:
     """Frames, M, Coriolis and gravity forces at random states, steps of q, limits."""
     given = arm(base)
     shapes = pin.GeometryModel()
-    shapes.addGeometryObject(pin.GeometryObject("ball", given.njoints - 1, pin.SE3.Identity(), coal.Sphere(0.1)))
+    shapes.addGeometryObject(
+        pin.GeometryObject(
+            name="ball",
+            parent_joint=given.njoints - 1,
+            placement=pin.SE3.Identity(),
+            collision_geometry=coal.Sphere(0.1),
+        )
+    )
     robot, rng = Robot(given, name="arm", geometry=shapes), np.random.default_rng(1)
     data = given.createData()
     assert (robot.nq, robot.nv) == (given.nq, given.nv)

@@ -12,6 +12,7 @@ import pytest
 import hqp.robots
 from hqp.errors import DeclarationError, ModelError, ModelWarning
 from hqp.robots import agreement, from_mjcf
+from hqp.robots.mujoco_extra import full_inertia
 from hqp.robots.on_mujoco import Plant, Servo
 from hqp.robots.state_map import StateMap
 
@@ -40,8 +41,7 @@ def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
                 np.testing.assert_allclose(state.rotation(name).ravel(), data.xmat[b], atol=1e-12)
         for s in range(simulated.nsite):
             np.testing.assert_allclose(state.position(simulated.site(s).name), data.site_xpos[s], atol=1e-12)
-        full = np.zeros((simulated.nv, simulated.nv))
-        mujoco.mj_fullM(simulated, data, full)
+        full = full_inertia(simulated, data)
         B = convert.tangent(data.qpos)
         np.testing.assert_allclose(state.mass_matrix(), B.T @ full @ B, atol=1e-11)
         # bias forces of MuJoCo at zero acceleration in its own coordinates: M dB/dt v more in Pinocchio's

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 from hqp.robots.from_tables import FOLDER, OWN, files
+from hqp.robots.mujoco_extra import full_inertia
 from hqp.robots.tables import Tables, axis, inertia, vector
 
 FIGURES = {  # moving joints, mass [kg], motors
@@ -141,7 +142,6 @@ def test_zero_posture_is_the_tree_of_the_table(tables: Tables, urdf: pin.Model) 
 
 def test_urdf_equals_mjcf(name: str, tables: Tables, urdf: pin.Model, twin: mujoco.MjModel) -> None:
     data, sim = urdf.createData(), mujoco.MjData(twin)
-    full = np.zeros((twin.nv, twin.nv))
     for q, qpos, turn in random_states(urdf, twin, 20):
         pin.crba(urdf, data, q)
         mass = np.triu(data.M) + np.triu(data.M, 1).T
@@ -149,8 +149,7 @@ def test_urdf_equals_mjcf(name: str, tables: Tables, urdf: pin.Model, twin: mujo
         pin.framesForwardKinematics(urdf, data, q)
         sim.qpos[:] = qpos
         mujoco.mj_forward(twin, sim)
-        mujoco.mj_fullM(twin, sim, full)
-        np.testing.assert_allclose(turn.T @ full @ turn, mass, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(turn.T @ full_inertia(twin, sim) @ turn, mass, rtol=0, atol=1e-10)
         np.testing.assert_allclose(sim.subtree_com[0], com, rtol=0, atol=1e-10)
         for frame in FRAMES[name]:
             here = data.oMf[urdf.getFrameId(frame)]
@@ -212,8 +211,7 @@ def test_wheel_variants_have_the_wheel_of_the_table() -> None:
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
         mujoco.mj_forward(model, data)
-        full = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, full)
+        full = full_inertia(model, data)
         columns = np.zeros((model.nv, 19))
         columns[:6, :6] = np.eye(6)
         for k, joint in enumerate(Tables.read(FOLDER / "dreamer").moving()):

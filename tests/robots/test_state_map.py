@@ -12,6 +12,7 @@ import pytest
 
 import hqp.robots
 from hqp.errors import JointNotFound, ModelError
+from hqp.robots.mujoco_extra import full_inertia
 from hqp.robots.on_mujoco import Plant, StateMap
 
 OWN = [("cbi", "cbi"), ("dreamer", "dreamer"), ("dreamer", "dreamer_rollers"), ("dreamer", "dreamer_hinges")]
@@ -111,8 +112,7 @@ def test_bias_forces(plant: tuple[Plant, Any]) -> None:
         plant.reset(q, v)
         pin.nonLinearEffects(model, data, q, v)
         nv = plant.model.nv
-        full = np.zeros((nv, nv))
-        mujoco.mj_fullM(plant.model, plant.data, full)
+        full = full_inertia(plant.model, plant.data)
         drift = np.zeros(nv)
         rotation = pin.Quaternion(q[3:7]).matrix()
         drift[:3] = rotation @ np.cross(v[3:6], v[:3])

@@ -6,7 +6,6 @@ import math
 import struct
 from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,6 +15,7 @@ import hqp
 import hqp.programs.assembly
 import hqp.robots
 from hqp import PD, Level, P, Stack, shapes
+from hqp.collision_library import coal
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.programs.assembly import Assembly
 from hqp.shapes import LinkCapsule

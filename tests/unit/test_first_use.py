@@ -165,7 +165,7 @@ def test_doctor_names_a_missing_package_with_its_extra(monkeypatch: pytest.Monke
     monkeypatch.setattr(doctor, "version_of", lambda package: "")
     text = doctor.table(doctor.findings())
     assert "pip install 'hqp[solvers]'" in text
-    assert "pip install proxsuite" in text
+    assert "pip install scipy" in text
 
 
 def test_doctor_knows_what_pyproject_asks_for() -> None:
