@@ -1,4 +1,4 @@
-"""What a file must be to be read as a recording: types, shapes and numbers, each refused by its place in the file."""
+"""Checks of a recording file: types, shapes and numbers, each refused by its place in the file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hqp.recorder.layout import from_pattern
 FORMAT = 1
 
 LARGEST = 2**32
-"""What the arrays of a file may take in memory, in all [bytes]."""
+"""Limit of the memory for the arrays of a file, in all [bytes]."""
 
 MOST = 1e100
 """Numbers of a solved tick are smaller: their products are numbers, too."""
@@ -38,7 +38,8 @@ def refuse(where: str, message: str, value: object = None, allowed: str = "") ->
 
 
 def unpacked(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The text of a file as JSON, and its arrays by name; raises DeclarationError for what is no recording."""
+    """The text of a file as JSON, and its arrays by name; raises DeclarationError for a file that is not a
+    recording."""
     try:
         with zipfile.ZipFile(path) as file:
             size = sum(info.file_size for info in file.infolist())
@@ -47,7 +48,7 @@ def unpacked(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
             told = json.loads(file.read("recording.json"))
             names = [info.filename for info in file.infolist() if info.filename != "recording.json"]
             arrays = {name.removesuffix(".npy"): _array(file, name) for name in names}
-    except Exception as error:  # zipfile, zlib, NumPy and json raise what they like for a mutilated file
+    except Exception as error:  # zipfile, zlib, NumPy and json raise various errors for a damaged file
         raise DeclarationError("recording", f"not a recording: {error}", value=str(path)) from error
     if not isinstance(told, dict) or told.get("format") != FORMAT or told.get("kind") != "recording":
         given = told.get("format") if isinstance(told, dict) else told
@@ -56,7 +57,7 @@ def unpacked(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _array(file: zipfile.ZipFile, name: str) -> Any:
-    """A float64 array; its size is what lies in the file, not what its header says."""
+    """A float64 array; its size is that of the data in the file, not that of its header."""
     with file.open(name) as content:
         version = np.lib.format.read_magic(content)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -88,7 +89,7 @@ def texts(table: Any, name: str, where: str) -> list[str]:
 
 
 def about(told: dict[str, Any]) -> None:
-    """Check what a recording is of; raises DeclarationError."""
+    """Check the header of a recording; raises DeclarationError."""
     for name in ("stack", "toml", "made", "hqp"):
         take(told, name, str, "file")
     dt = take(told, "dt", float, "file")
@@ -104,7 +105,7 @@ def about(told: dict[str, Any]) -> None:
 
 
 def segment(part: Any, arrays: dict[str, Any], robot: dict[str, Any], where: str) -> tuple[Hierarchy, list[Any]]:
-    """The pattern of a segment and the arrays of its rows; raises DeclarationError for whatever does not fit."""
+    """The pattern of a segment and the arrays of its rows; raises DeclarationError for a misfit."""
     if take(part, "kind", str, where) not in KINDS:
         refuse(f"{where}.kind", "unknown", part["kind"], ", ".join(KINDS))
     number, pattern = take(part, "number", int, where), take(part, "pattern", dict, where)
@@ -144,7 +145,7 @@ def segment(part: Any, arrays: dict[str, Any], robot: dict[str, Any], where: str
 
 
 def _shapes(pattern: dict[str, Any], n: int, where: str) -> Sequence[tuple[int, ...]]:
-    """Of the arrays of a tick in the order of ``layout.arrays_of``, before any of them is made."""
+    """Shapes of the arrays of a tick in the order of ``layout.arrays_of``, before any is made."""
     found: list[tuple[int, ...]] = []
     take(pattern, "constraints", int, where)
     for level in take(pattern, "levels", list, where):
@@ -177,7 +178,7 @@ def _integers(table: Any, name: str, where: str) -> list[int]:
 
 
 def _numbers(pattern: Hierarchy, columns: list[Any], usable: Mask, where: str) -> None:
-    """Rows that a solver answered have finite entries, and lower bounds that are none of upper ones."""
+    """Check that rows of a solved tick have finite entries, and no lower bound above its upper one."""
     bounds: set[int] = set()
     i = 0
     for rows in pattern.levels:
@@ -231,7 +232,7 @@ def _places(part: dict[str, Any], pattern: Hierarchy, where: str) -> None:
         take(place, "equality", bool, here)
         weight = take(place, "weight", float, here)
         level, start, stop = (take(place, name, int, here) for name in ("level", "start", "stop"))
-        texts(place, "rows", here)  # of as many rows as have a name
+        texts(place, "rows", here)  # as many as named rows
         if not 0 <= level < len(pattern.levels) or not 0 <= start <= stop <= pattern.levels[level].m:
             refuse(here, "lies outside the levels", [level, start, stop])
         if place["name"] in names or not 0.0 < weight < MOST:

@@ -35,7 +35,7 @@ PAUSE = 2e-4
 
 
 def about(session: Recorded) -> dict[str, Any]:
-    """What does not change: machine, versions, robot, stack, solver."""
+    """Constant data: machine, versions, robot, stack, solver."""
     from hqp import serial
     from hqp.commands.manifest import manifest
     from hqp.recorder.ring import robot_hash
@@ -166,10 +166,10 @@ def _segment(segment: Segment, k: int, robot: Robot, number: int, arrays: dict[s
 
 @dataclass(frozen=True)
 class RecordedTick:
-    """A tick of a recording: what went in, what came out, and the hierarchy between them.
+    """A tick of a recording: its inputs, its outputs, and the hierarchy between them.
 
-    count: of the session.  solved: status of the solver's answer x_solved, "" where it was not asked.  command: as
-    sent.  notes: (element, status, text).  references: values by element.
+    count: number in the session.  solved: status of the solver's solution x_solved, "" if there was no solve.  command:
+    as sent.  notes: (element, status, text).  references: values by element.
     """
 
     count: int
@@ -192,7 +192,7 @@ class RecordedTick:
 
     @cached_property
     def solution(self) -> Solution | None:
-        """What the solver gave, residuals and active rows computed anew; None where it was not asked."""
+        """Solution of the solver, residuals and active rows recomputed; None if there was no solve."""
         from hqp.solvers.base import finish
 
         if not self.solved:
@@ -201,14 +201,14 @@ class RecordedTick:
         return finish(self.problem, self.x_solved, status, Stats(), stages=self.stage_points)
 
     def explain(self) -> Explanation:
-        """What each element got and to which it lost; raises HqpError for a tick whose solver was not asked."""
+        """Explain the residual and the losses of each element; raises HqpError for a tick without a solve."""
         if self.solution is None:
             raise HqpError(f"tick {self.count}: {self.status.name}, not solved")
         return explain(self.problem, self.solution, self.places, self.row_names)
 
 
 class Recording:
-    """The ticks of a file, in order; ``about`` says what they are of.  Needs no robot.
+    """The ticks of a file, in order; ``about`` describes their origin.  Needs no robot.
 
     Raises DeclarationError where something is missing, of another kind or size, or no number.
     """

@@ -1,4 +1,4 @@
-"""Where the arrays of a live hierarchy lie, so that a tick's rows are a few copies, and come back as they were."""
+"""Places of the arrays of a live hierarchy: a tick's rows are saved and restored by a few copies."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ LINE = 64
 class Memory:
     """The buffers that a hierarchy's arrays are views of, each once, but for rows that are multiples of others.
 
-    Of symmetric blocks one triangle is kept.  copies, symmetric: as ``Program.copies`` and ``Program.symmetric``.
-    ``size`` bytes a tick; ``parts``: what is copied, and its place there.
+    Only one triangle of symmetric blocks is kept.  copies, symmetric: see ``Program.copies`` and ``Program.symmetric``.
+    ``size`` bytes a tick; ``parts``: arrays to copy, and their place there.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class Memory:
         copies: Sequence[tuple[Mat, Mat, Index, Vec]] = (),
         symmetric: Sequence[tuple[Mat, Index]] = (),
     ) -> None:
-        self._problem = problem.copy()  # what never changes: shapes, selections, prices
+        self._problem = problem.copy()  # constant parts: shapes, selections, prices
         self.parts: list[tuple[memoryview, int, int]] = []
         self.size = 0
         self._owners: list[tuple[Any, int]] = []
@@ -42,7 +42,7 @@ class Memory:
         begins = [view[0] for view, *_ in self._copies]
         self._symmetric = [(self._view(array), rows) for array, rows in symmetric if array.flags.c_contiguous]
         gaps = [(start, start + item[0].nbytes) for start, item in zip(begins, kept, strict=True)]
-        for (place, shape, strides), rows in self._symmetric:  # the lower triangle; what is left are whole lines
+        for (place, shape, strides), rows in self._symmetric:  # the lower triangle; the rest are whole lines
             for k, i in enumerate(rows.tolist()):
                 left = -(-(shape[1] - k) * strides[1] // LINE) * LINE
                 gaps.append((place + i * strides[0], place + max(i * strides[0], (i + 1) * strides[0] - left)))
@@ -91,7 +91,7 @@ class Memory:
 
 
 def _between(begin: int, end: int, gaps: list[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """What is left of an interval without the gaps, which are sorted."""
+    """Parts of an interval outside the gaps, which are sorted."""
     for start, stop in gaps:
         if begin <= start < end:
             if start > begin:
@@ -125,7 +125,7 @@ def rebuilt(pattern: Hierarchy, arrays: list[Any]) -> Hierarchy:
     if motion is not None:
         motion = _unchecked(Motion, F=next(rest), f=None if motion.f is None else next(rest))
     made = object.__new__(Hierarchy)
-    for item in fields(Hierarchy):  # whatever stays as it is
+    for item in fields(Hierarchy):  # constant fields
         object.__setattr__(made, item.name, getattr(pattern, item.name))
     for name, value in (("levels", tuple(levels)), ("metric", metric), ("origin", origin), ("motion", motion)):
         object.__setattr__(made, name, value)
@@ -138,7 +138,7 @@ def _rows(A: Any, lower: Any, upper: Any) -> Rows:
 
 
 def _unchecked(kind: type[T], **values: Any) -> T:
-    """A value without a check of its numbers: what was recorded may be what went wrong."""
+    """A value without a check of its numbers: a recorded value may be the fault."""
     made = object.__new__(kind)
     for name, value in values.items():
         object.__setattr__(made, name, value)
@@ -146,7 +146,7 @@ def _unchecked(kind: type[T], **values: Any) -> T:
 
 
 def pattern_of(problem: Hierarchy) -> dict[str, Any]:
-    """What a file needs beside the arrays of a tick, as JSON."""
+    """Data of a file beside the arrays of a tick, as JSON."""
     levels = []
     for rows in problem.levels:
         if isinstance(rows.A, Selection):

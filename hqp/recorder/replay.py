@@ -1,4 +1,4 @@
-"""A recording solved again: which solvers agree with what was sent, and which element held which back over time."""
+"""A recording solved again: agreement of solvers with the sent commands, and the losses over time."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ AGREE = 1e-6
 class Line:
     """One solver over a recording.
 
-    agreed, solved: of how many ticks its levels are those of the recording; how many it was given.  first: count of
-    the first tick where not, -1 for none.  level, difference: where and by how much it is off most.  worse: in how many
-    ticks the first level that differs is larger than recorded.  note: why it did not run, or not to the end.
+    agreed, solved: number of ticks with the levels of the recording; number of solved ticks.  first: count of the first
+    tick where not, -1 for none.  level, difference: place and size of its largest difference.  worse: in how many ticks
+    the first level that differs is larger than recorded.  note: why it did not run, or not to the end.
     """
 
     solver: str
@@ -53,7 +53,7 @@ class Period:
 
 @dataclass(frozen=True)
 class Replay:
-    """What solvers say of a recording, and the account over time; ``str()`` for a terminal."""
+    """Results of solvers on a recording, and the account over time; ``str()`` for a terminal."""
 
     recording: Recording
     lines: tuple[Line, ...]
@@ -132,7 +132,7 @@ def _line(name: str, ticks: Sequence[RecordedTick]) -> Line:
 
 
 def _differences(problem: Hierarchy, found: Solution, recorded: Solution) -> list[float]:
-    """By how much each level is larger than recorded, relative to 1 + its size."""
+    """Excess of each level over the recorded one, relative to 1 + its size."""
     pairs = zip(found.norms.tolist(), recorded.norms.tolist(), strict=True)
     return [(new - old) / (1.0 + old) for new, old in pairs] or [0.0] * len(problem.levels)
 

@@ -46,7 +46,7 @@ SEGMENTS = 4
 
 
 class Recorded(Protocol):
-    """What is read of a session."""
+    """Interface of a session."""
 
     controller: Any
     dt: float
@@ -77,10 +77,10 @@ class Segment:
 class Recorder:
     """Keeps the last ticks of a session and writes them to a file when something happens (``Session.record``).
 
-    ticks: how many are kept.  on: when a file is written, "not optimal", "not solved", "held", "noted", "never", or a
-    function of the tick; the next file comes ``ticks`` ticks later at the earliest.  to: a folder.  files: what was
-    written.  Where a file cannot be written, its ticks are kept, a note of every tick says so, and so does ``wait``.
-    Raises DeclarationError for a number of ticks that is none, an unknown name, or a folder that cannot be made.
+    ticks: number of ticks to keep.  on: when a file is written, "not optimal", "not solved", "held", "noted", "never",
+    or a function of the tick; the next file comes ``ticks`` ticks later at the earliest.  to: a folder.  files: written
+    files.  If a file cannot be written, its ticks are kept, every tick has a note, and ``wait`` reports it.  Raises
+    DeclarationError for an invalid number of ticks, an unknown name, or a folder that cannot be made.
     """
 
     def __init__(self, session: Recorded, ticks: int, on: str | Callable[[Any], bool], to: str | Path) -> None:
@@ -140,7 +140,7 @@ class Recorder:
             tick.add((Note("recorder", tick.status, self._told()),))
 
     def dump(self) -> None:
-        """Write what is there to a file, in a thread; the ring begins anew.  Without a tick there is nothing to do."""
+        """Write the ticks to a file, in a thread; the ring begins anew.  Without a tick there is nothing to do."""
         segments, self._segments = self._segments, []
         last = segments[-1]
         assert self._segment is last
@@ -175,7 +175,7 @@ class Recorder:
         del self._spare[:-2]
 
     def wait(self, to: str | Path | None = None) -> None:
-        """Until every file is written; what could not be written before is tried again, in the folder ``to`` if given.
+        """Until every file is written; files that failed before are tried again, in the folder ``to`` if given.
 
         Raises HqpError with files and reasons where that fails again; the ticks are kept for another ``wait``.
         """

@@ -15,7 +15,7 @@ __all__ = ["WEBXR", "Follow", "OperatorPage", "UdpReceiver"]
 
 
 def __getattr__(name: str) -> object:
-    """The page needs the viewer's doors: imported when it is asked for."""
+    """The page needs the viewer's doors: import it on first use."""
     if name in ("WEBXR", "OperatorPage"):
         return getattr(importlib.import_module(f"{__name__}.webxr"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -24,25 +24,25 @@ LONGEST = 0.1
 """A loop that pauses for longer goes on as if it had paused for so long [s]."""
 
 BEHIND = 0.01
-"""A reference farther than this from where the operator is tells so [m, rad]."""
+"""Note a reference farther than this from the operator's hand [m, rad]."""
 
 
 class Follow:
     """A source of references for one task, from the poses of an operator's hand.
 
     ``receive`` takes packets, from any thread; ``reference`` gives the reference of a tick.  Between packets the hand
-    is predicted, over the age of the latest one, by a cubic through the last 0.3 s; without packets it comes to rest
-    by ``max_age`` [s].  What the hand cannot have done is left out: a pose that is not finite or no rotation, older
-    than one before it or the same again, or farther away than a hand can get; where such poses agree for as long as
-    the reference would take to get there, they are believed.  The reference goes after the prediction without lag, at
+    is predicted, over the age of the latest one, by a cubic through the last 0.3 s; without packets it comes to rest by
+    ``max_age`` [s].  Poses that the hand cannot have reached are discarded: a pose that is not finite or no rotation,
+    older than one before it or the same again, or farther away than a hand can get; if such poses agree for as long as
+    the reference would take to get there, they are accepted.  The reference goes after the prediction without lag, at
     most at ``largest_speed`` [m/s], ``largest_turn`` [rad/s] and ``largest_acceleration`` [m/s^2], and for turns in
-    proportion.  What was done is in the notes of the tick.
+    proportion.  The notes of the tick report this.
 
     element: a Pose, Position or Orientation, or another task whose value is a vector.  clutch: motion of the hand
     counts only while it is ``engaged``, from where the robot's hand is when that begins; otherwise poses are absolute.
-    scale: of lengths.  frame: of the operator's axes in those of the task, ``(3, 3)`` or ``(4, 4)``; one that mirrors
-    needs the clutch.  latency [s]: what every packet takes at least, where the sender's clock is not known.
-    Raises DeclarationError for what is not allowed.
+    scale: of lengths.  frame: operator's axes in those of the task, ``(3, 3)`` or ``(4, 4)``; one that mirrors needs
+    the clutch.  latency [s]: least transmission time of a packet, if the sender's clock is unknown.  Raises
+    DeclarationError for values out of range.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Follow:
         self._latency, self._clutched = float(latency), bool(clutch)
         self._scale, self._frame = scale, frame
         if self._space.first is not None:
-            self._joint(6 if self._space.first else 3)  # tells of what is not allowed
+            self._joint(6 if self._space.first else 3)  # checks the range
         self._clutch: Clutch | None = None
         self._inbox, self._clock = Inbox(), Clock()
         self._track = Track(self._space, (self._speeds[0] / scale, self._speeds[1]))
@@ -85,10 +85,10 @@ class Follow:
         engaged: bool = True,
         received: float | None = None,
     ) -> None:
-        """Take a packet, from any thread; never raises for what is in it.
+        """Take a packet, from any thread; never raises for its content.
 
-        value: what ``element.at`` takes.  sent [s]: when, on any clock of the sender's; or age [s]: how old it is.
-        engaged: whether the operator holds the clutch.  received [s]: on the clock of ``reference``, that of
+        value: argument of ``element.at``.  sent [s]: when, on any clock of the sender's; or age [s]: its age.  engaged:
+        true while the operator holds the clutch.  received [s]: on the clock of ``reference``, that of
         ``time.monotonic`` for None.
         """
         when = monotonic() if received is None else float(received)
@@ -97,7 +97,7 @@ class Follow:
     def reference(self, state: State, now: float | None = None) -> Reference:
         """The reference of a tick.
 
-        state: that of the tick.  now [s]: on the clock of ``receive``, that of ``time.monotonic`` for None.
+        state: state of the tick.  now [s]: on the clock of ``receive``, that of ``time.monotonic`` for None.
         """
         now = monotonic() if now is None else float(now)
         dt = min(max(now - self._now, 0.0), LONGEST) if self._now > -math.inf else 0.0
@@ -111,11 +111,11 @@ class Follow:
 
     @property
     def takes(self) -> str:
-        """What the task's value is: "pose", "rotation" or "vector"."""
+        """Type of the task's value: "pose", "rotation" or "vector"."""
         return {None: "vector", 0: "rotation"}.get(self._space.first, "pose")
 
     def release(self) -> None:
-        """Open the clutch until a packet says that it is engaged, and forget the track of the hand."""
+        """Open the clutch until a packet sets ``engaged``, and forget the track of the hand."""
         self._track.forget()
         self._latest, self._stale = -math.inf, math.inf
         self._engaged, self._joined = not self._clutched, not self._clutched
@@ -135,13 +135,13 @@ class Follow:
         return Clutch(self._space, self.element, k, self._scale, self._frame, self._clutched)
 
     def _value(self, state: State) -> Any:
-        """Where the robot's hand is; where the reference is if the state tells nothing."""
+        """Pose of the robot's hand; that of the reference if the state is invalid."""
         if self._pursuit is not None and not state.valid:
             return self._pursuit.value
         return np.array(self.element.value(state))
 
     def _take(self, one: Packet) -> str:
-        """Take a packet; what was wrong with it."""
+        """Take a packet; return its fault, if any."""
         late = one.sent < self._latest
         if self._clutched and not one.engaged and not late:
             self._engaged = False
@@ -170,7 +170,7 @@ class Follow:
         return "the sender's clock restarted"
 
     def _pursue(self, pursuit: Pursuit, state: State, now: float, dt: float) -> str:
-        """Go after the operator's hand for dt [s]; what has to be told of it."""
+        """Go after the operator's hand for dt [s]; return a remark on it."""
         motion, clutch = self._track.motion, self._clutch
         assert clutch is not None
         if motion is None or not self._engaged:

@@ -1,4 +1,4 @@
-"""What an operator's client sends, over UDP or a websocket: the poses of hands as JSON."""
+"""Messages of an operator's client, over UDP or a websocket: the poses of hands as JSON."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Hands:
 
     A message is an object with ``hands``: by name ``position`` (3 numbers [m]), ``quaternion`` (x, y, z, w; not needed
     for a Position), ``engaged`` (true without it); and ``sent`` [s], on any clock of the client's.  A hand that nobody
-    follows is passed over.  token: what the field ``token`` has to be, anything where it is empty.  taken, refused: how
-    many messages; fault: why the last one was refused.
+    follows is passed over.  token: required value of the field ``token``, empty for any.  taken, refused: numbers of
+    messages; fault: why the last one was refused.
     """
 
     def __init__(self, follows: Mapping[str, Follow], token: str = "") -> None:
@@ -27,7 +27,7 @@ class Hands:
         self.taken, self.refused, self.fault = 0, 0, ""
 
     def take(self, text: str | bytes) -> dict[str, Any] | None:
-        """Take a message; what it says, None where it was refused."""
+        """Take a message; return its content, None if it was refused."""
         try:
             if len(text) > LARGEST:
                 raise ValueError("too long")

@@ -1,4 +1,4 @@
-"""Packets as they come in: which are taken, and when they were sent on the clock of the loop."""
+"""Packets as they come in: their checks, and their send times on the clock of the loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST = 1000
 """Packets that wait for the loop at most; older ones are forgotten."""
 
 MEMORY = 2.5
-"""The fastest packet of so many seconds, and of as many before, tells what the clocks are apart [s]."""
+"""The fastest packet of this period, and of the one before, determines the clock offset [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Packet:
     """A target as it was received.
 
     value: checked, None where it is of no use, for the reason ``fault``.  sent [s]: on the sender's clock, or on the
-    loop's where the sender tells no time (``timed`` False).  received [s]: on the clock of the loop.  engaged: whether
+    loop's if the sender gives no time (``timed`` False).  received [s]: on the clock of the loop.  engaged: true while
     the operator holds the clutch.
     """
 
@@ -37,7 +37,7 @@ class Packet:
 
 
 def packet(element: Task, value: Any, sent: float | None, age: float | None, received: float, engaged: bool) -> Packet:
-    """A packet of what came over the network, whatever that is."""
+    """Make a packet of arbitrary input from the network."""
     timed, fault = sent is not None, ""
     time = float(sent) if sent is not None else received - (0.0 if age is None else float(age))
     checked: Any = None
@@ -53,7 +53,7 @@ def packet(element: Task, value: Any, sent: float | None, age: float | None, rec
 
 
 class Clock:
-    """What the sender's clock is behind the loop's, from the packets that took least time on their way.
+    """Offset of the sender's clock, from the packets with the least transmission time.
 
     Packets come late by different amounts, never early: received - sent is least for the fastest.  Two clocks that
     drift apart are followed, as only the last 2.5 to 5 s count.
@@ -80,7 +80,7 @@ class Clock:
 
 
 class Inbox:
-    """Packets between the thread that receives and the loop: what is put in comes out once, in order."""
+    """Packets between the thread that receives and the loop: each packet comes out once, in order."""
 
     def __init__(self) -> None:
         self._waiting: deque[Packet] = deque(maxlen=MOST)
@@ -90,7 +90,7 @@ class Inbox:
         self._waiting.append(one)
 
     def take(self, now: float) -> list[Packet]:
-        """Those that were received by ``now`` [s]."""
+        """Packets received by ``now`` [s]."""
         found, waiting = [], self._waiting
         while waiting and waiting[0].received <= now:
             found.append(waiting.popleft())

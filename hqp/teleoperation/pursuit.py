@@ -30,7 +30,7 @@ class Pursuit:
     s = p e / 3 near the target, of a size of sqrt(2 b (|e| - e0/2)), from which it can still be braked at b, farther
     away.  Near the target that is (d/dt + p)^3 e = 0: a target that accelerates evenly is followed without lag.
 
-    speeds, accelerations: of rows that are lengths [m/s, m/s^2] and of those that are angles [rad/s, rad/s^2].
+    speeds, accelerations: limits of rows that are lengths [m/s, m/s^2] and of rows that are angles [rad/s, rad/s^2].
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Pursuit:
             if rows.any()
         ]
         self.held_under = False
-        """Whether the target was faster than the reference may be, in the latest step."""
+        """True if the target was faster than the reference may be, in the latest step."""
 
     def step(self, dt: float, target: Any, speed: Vec, acceleration: Vec) -> None:
         """Go on for dt [s] towards where the target is after it, with its velocity and acceleration ``(k,)``."""

@@ -1,4 +1,4 @@
-"""What a followed value is made of: how two values differ, and where a difference leads, row by row."""
+"""Space of a followed value: differences of two values, and the value at a difference, row by row."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class Space:
     """Values of a task: a vector ``(k,)``, a rotation ``(3, 3)`` or a pose ``(4, 4)``, and their differences.
 
     turns ``(k,)``: rows that are angles; the norm of these and of the others is bounded apart.  Differences of poses
-    and rotations are those of ``Pose.error``: [p - q, log(R Q^T)].  Raises DeclarationError for what is no task.
+    and rotations are those of ``Pose.error``: [p - q, log(R Q^T)].  Raises DeclarationError for an argument that is not
+    a task.
     """
 
     def __init__(self, element: Any) -> None:
@@ -29,7 +30,7 @@ class Space:
         self._turning = element.units == ("rad",)
 
     def turns(self, k: int) -> Mask:
-        """Which of ``k`` rows are angles."""
+        """Mask of the rows among ``k`` that are angles."""
         return np.arange(k) >= (0 if self._turning else k if self.first is None else self.first)
 
     def minus(self, value: Any, other: Any) -> Vec:
@@ -62,7 +63,7 @@ class Space:
         return self.placed(np.eye(4), k)
 
     def placed(self, pose: Mat, k: int) -> Any:
-        """The value of what is at a pose ``(4, 4)``; for numbers that are no place, zeros."""
+        """Value of the task at a pose ``(4, 4)``; for numbers that are no place, zeros."""
         if self.first is None:
             return pose[:3, 3].copy() if k == 3 and not self._turning else np.zeros(k)
         return pose[:3, :3].copy() if self.first == 0 else pose.copy()

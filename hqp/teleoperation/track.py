@@ -1,4 +1,4 @@
-"""The operator's hand as its packets tell it: a cubic through the latest of them, and what cannot be its motion."""
+"""Motion of the operator's hand from its packets: a cubic through the latest of them, without impossible packets."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ PRIOR = np.array([0.0, 1.0 / 2e3, 1.0 / 1e4, 1.0 / 3e5]) ** 2
 """Squares of a packet's error over an ordinary speed, acceleration and jerk: 1 mm over 2 m/s, 10 m/s^2, 300 m/s^3."""
 
 ABRUPT = 100.0, 500.0
-"""What a hand can accelerate beyond what it does [m/s^2, rad/s^2]."""
+"""Acceleration of a hand beyond its present one [m/s^2, rad/s^2]."""
 
 SLACK = 0.02, 0.2
-"""What a packet may be off in any case [m, rad]."""
+"""Allowed error of a packet in any case [m, rad]."""
 
 AGREEING = 3
-"""So many packets in a row make a new track."""
+"""Number of packets in a row that make a new track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Sample:
 
 
 class Cubic:
-    """Where a hand is at a time: value ⊕ (x + v tau + a tau^2 / 2 + j tau^3 / 6), tau the time since the latest packet.
+    """Pose of a hand at a time: value ⊕ (x + v tau + a tau^2 / 2 + j tau^3 / 6), tau the time since the latest packet.
 
     Least squares over the packets of the last 0.3 s, whose weights fall to 0, and over a speed, an acceleration and a
     jerk that are ordinary ones: with one packet the hand stands, with two it moves.  No average, which would lag.
@@ -61,7 +61,7 @@ class Cubic:
         return x, v, a
 
     def at(self, tau: float, rest: float) -> tuple[Vec, Vec, Vec]:
-        """The same for a hand that comes to rest by ``rest`` [s], from half of that on."""
+        """Pose of a hand that comes to rest by ``rest`` [s], from half of that on."""
         begin = 0.5 * rest
         if tau <= begin:
             return self.after(tau)
@@ -77,8 +77,8 @@ class Cubic:
 class Track:
     """Packets that agree with each other, and the hand's motion through them.
 
-    A packet that is farther from the motion than a hand can get begins a rival track, as the first one does.  That is
-    believed once three of its packets agree for as long as the reference would take to get there, at ``speeds``
+    A packet that is farther from the motion than a hand can get begins a rival track, as the first one does.  The rival
+    is accepted once three of its packets agree for as long as the reference would take to get there, at ``speeds``
     [m/s, rad/s].
     """
 
@@ -93,7 +93,7 @@ class Track:
         self._samples, self._rival, self.motion = [], [], None
 
     def take(self, one: Sample) -> float:
-        """Take a packet newer than those before; how far off it is [m or rad] where it was not believed, else 0."""
+        """Take a packet newer than those before; return its distance [m or rad] if it was rejected, else 0."""
         rival = self._rival
         with_rival = bool(rival) and self._off(Cubic(self._space, rival), one)[1] == 0.0
         far = off = 0.0
@@ -117,8 +117,8 @@ class Track:
         self.motion = Cubic(self._space, self._samples)
 
     def _off(self, motion: Cubic, one: Sample) -> tuple[float, float]:
-        """The time that the reference would take to get to a packet [s]; how far it is from where the hand can be [m or
-        rad], 0 where the hand can be there."""
+        """The time that the reference would take to get to a packet [s]; its distance from the reachable motion of the
+        hand [m or rad], 0 inside it."""
         tau = one.time - motion.time
         off = self._space.minus(one.value, self._space.plus(motion.value, motion.after(tau)[0]))
         turns, time, wrong = self._space.turns(off.size), 0.0, 0.0

@@ -19,9 +19,9 @@ LOOPBACK = "127.0.0.1"
 class UdpReceiver:
     """Takes datagrams, each a message as of ``Hands`` with a field ``token``, in a thread of its own.
 
-    follows: sources of references by the hand's name.  port: 0 for any; ``port`` tells it.  token: made where none is
-    given; ``token`` tells it.  A datagram without it is refused, without an answer.  Only this machine is listened to.
-    Raises HqpError where the port is taken, DeclarationError for an empty token.
+    follows: sources of references by the hand's name.  port: 0 for any; ``port`` has the actual one.  token: made where
+    none is given; ``token`` has it.  A datagram without it is refused, without an answer.  Only this machine is
+    listened to.  Raises HqpError where the port is taken, DeclarationError for an empty token.
     """
 
     def __init__(self, follows: Mapping[str, Follow], *, port: int = 0, token: str | None = None) -> None:

@@ -29,10 +29,10 @@ SOCKET = "/operator"
 
 
 def operators(stack: Stack) -> dict[str, Follow]:
-    """Sources of references for the hands of a stack and its head, by what moves them: left, right, head, phone.
+    """Sources of references for the hands of a stack and its head, by device: left, right, head, phone.
 
-    Each moves the first Position of three axes, or Pose, whose name or frame says so; where none says right, the first
-    of the others is moved by the right hand.  A phone moves what the right hand does.
+    Each moves the first Position of three axes, or Pose, with a matching name or frame; if no name matches right, the
+    right hand moves the first of the others.  A phone moves the task of the right hand.
     """
     elements = [e for level in stack.levels for e in level]
     tasks = [e for e in elements if isinstance(e, Pose) or (isinstance(e, Position) and e.axes == "xyz")]
@@ -48,13 +48,13 @@ def operators(stack: Stack) -> dict[str, Follow]:
 
 
 class OperatorPage:
-    """Serves the page and takes what it sends, in a thread of its own; ``url`` is its address, with the token.
+    """Serves the page and receives its messages, in a thread of its own; ``url`` is its address, with the token.
 
-    follows: sources of references by what moves: left, right, head of a headset, phone; made with ``clutch=True,
-    frame=WEBXR``.  A hand counts while its grip is squeezed, a phone while its screen is touched.  doors: who is let
-    in, as of the viewer; a token of its own where None is given.  A browser gives poses only to a page of its own
-    machine or one over HTTPS: for a headset on a cable, ``adb reverse tcp:PORT tcp:PORT``.
-    Raises HqpError where websockets is missing or the port is taken.
+    follows: sources of references by device: left, right, head of a headset, phone; made with ``clutch=True,
+    frame=WEBXR``.  A hand counts while its grip is squeezed, a phone while its screen is touched.  doors: access
+    control of the viewer; a token of its own where None is given.  A browser gives poses only to a page of its own
+    machine or one over HTTPS: for a headset on a cable, ``adb reverse tcp:PORT tcp:PORT``.  Raises HqpError where
+    websockets is missing or the port is taken.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""See a session in a browser: the robot, what is asked of it, and what holds what back."""
+"""See a session in a browser: the robot, its targets, and the levels that limit each other."""
 
 from __future__ import annotations
 

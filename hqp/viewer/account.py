@@ -1,4 +1,4 @@
-"""What the page says in words: which element is met, which gives way and to what, which joints stand at a limit."""
+"""Text of the page: met elements, yielding elements with the cause, joints at a limit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COMING = 0.01
 
 @dataclass(frozen=True)
 class ElementView:
-    """One element: state is ``met``, ``moving``, ``short`` (gives way) or ``violated``; why says what to."""
+    """One element: state is ``met``, ``moving``, ``short`` (gives way) or ``violated``; why names the cause."""
 
     name: str
     state: str
@@ -50,7 +50,7 @@ class LevelView:
 
 @dataclass(frozen=True)
 class JointView:
-    """A joint at a limit: which one, in words, and how far through its range it is, 0 to 1."""
+    """A joint at a limit: its name, the limit in words, and its position in the range, 0 to 1."""
 
     name: str
     what: str
@@ -59,7 +59,7 @@ class JointView:
 
 @dataclass(frozen=True)
 class Account:
-    """Everything the page says of one tick; apart: pairs of links at their clearance."""
+    """Content of the page for one tick; apart: pairs of links at their clearance."""
 
     status: str
     headline: str
@@ -82,9 +82,9 @@ def make_account(
 ) -> Account:
     """The account of a snapshot of that stack.
 
-    errors: distance of each target from its frame [m, rad] and the same in words.  closing: how fast it becomes less
-    [m/s, rad/s].  joints: names, lower, upper and
-    speed limits by tangent coordinate.  motion: angles and velocities by tangent coordinate.
+    errors: distance of each target from its frame [m, rad] and the same in words.  closing: rate of decrease [m/s,
+    rad/s].  joints: names, lower, upper and speed limits by tangent coordinate.  motion: angles and velocities by
+    tangent coordinate.
     """
     told = _explain(snapshot, stack)
     places = {m.name: m for m in stack.members}
@@ -189,7 +189,7 @@ def element_view(
     stack: StackDescription,
     active: Mapping[str, list[tuple[str, int]]],
 ) -> ElementView:
-    """One element of a tick; told: the explanation of the tick, None where there is none."""
+    """One element of a tick; told: the explanation of the tick, or None."""
     w = np.asarray(snapshot["residuals"][m.level])[m.part] / m.weight
     residual = float(np.sqrt(w @ w))
     met = is_zero(residual, 0.0) if told is None else told[m.name].met
@@ -228,7 +228,7 @@ def _why(told: Explanation | None, name: str) -> str:
 
 
 def _words(loss: Loss) -> str:
-    """The element it is lost to; of a limit the joints whose rows are active."""
+    """The element it is lost to; for a limit the joints with active rows."""
     if loss.element == PRICE:
         return "the price on motion"
     rows = ", ".join(loss.rows[:2])

@@ -1,4 +1,4 @@
-"""Where visitors look from: robot and targets in the part of the picture that is free, never from below the floor."""
+"""Cameras of visitors: robot and targets in the part of the picture that is free, never from below the floor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOWEST = 0.05
 """Height of the camera above the floor [m]."""
 
 FORWARD = np.array([-1.45, 0.88, -0.12])
-"""Where a visitor looks at first."""
+"""First view direction of a visitor."""
 
 PERIOD = 0.5
 """Between two looks at whether all targets are in the picture [s]."""
@@ -37,7 +37,7 @@ FAR = 10.0
 
 @dataclass(frozen=True)
 class Window:
-    """What is free of a picture: slopes x / z and y / z from the view direction to its edges."""
+    """Free part of a picture: slopes x / z and y / z from the view direction to its edges."""
 
     side: float
     top: float
@@ -45,13 +45,14 @@ class Window:
 
     @classmethod
     def of(cls, fov: float, width: float, height: float, overlay: float = OVERLAY) -> Window:
-        """Of a picture with that vertical field of view [rad] and size [pixels], below an overlay of that height."""
+        """Window of a picture with that vertical field of view [rad] and size [pixels], below an overlay of that
+        height."""
         half = math.tan(0.5 * fov)
         top = max(1.0 - 2.0 * overlay / height, -0.5)
         return cls(half * width / height, half * top, half)
 
     def fit(self, points: Mat, forward: Vec) -> tuple[Vec, Vec]:
-        """Camera and what it looks at, as near as all points ``(k, 3)`` are within ``MARGIN``, looking forward."""
+        """Camera and its target, as near as all points ``(k, 3)`` are within ``MARGIN``, looking forward."""
         axes = _axes(forward)
         x, y, z = axes @ points.T
         middle, half = 0.5 * (self.top - self.bottom), 0.5 * MARGIN * (self.top + self.bottom)
@@ -62,7 +63,7 @@ class Window:
         return camera, camera + (float(np.mean(z)) - depth) * axes[2]
 
     def holds(self, points: Mat, camera: Vec, forward: Vec) -> bool:
-        """Whether all points ``(k, 3)`` are in the picture."""
+        """Return true if all points ``(k, 3)`` are in the picture."""
         x, y, z = _axes(forward) @ (points - camera).T
         inside = (abs(x) <= self.side * z) & (y <= self.top * z) & (y >= -self.bottom * z)
         return bool(np.all(inside & (z > 0.0)))
@@ -87,7 +88,7 @@ def _between(a: Vec, z: Vec, high: float, low: float) -> tuple[Any, float]:
 
 
 class Cameras:
-    """All visitors' cameras.  overlay: height of what covers the picture's upper part [pixels]."""
+    """All visitors' cameras.  overlay: height of the overlay on the picture's upper part [pixels]."""
 
     def __init__(self, server: Any, points: Mat, overlay: float = OVERLAY) -> None:
         self._server, self._overlay = server, overlay
@@ -136,7 +137,7 @@ def _move(client: Any, position: Vec, look_at: Vec) -> None:
 
 
 def _lift(client: Any) -> None:
-    """Keep a camera above the floor, at its distance of what it turns about, and that not below the floor either."""
+    """Keep a camera and its centre of rotation above the floor, at their distance."""
     camera = client.camera
     position, look_at = np.array(camera.position), np.array(camera.look_at)
     if position[2] >= LOWEST and look_at[2] >= 0.0:

@@ -83,11 +83,11 @@ class Channel:
     # the loop's end
 
     def set_used(self, used: int) -> None:
-        """How many numbers the vectors of a tick have from now on, at most the layout's room."""
+        """Set the number of entries of a tick's vectors, at most the layout's room."""
         self._bodies = [slot[HEAD : HEAD + used] for slot in self._ring]
 
     def write(self, head: tuple[float, ...], vectors: tuple[Vec, ...]) -> None:
-        """Put one tick into the ring: the seven numbers after the sequence, and vectors that fill what is used."""
+        """Put one tick into the ring: the seven numbers after the sequence, and the vectors."""
         header = self._header
         count = header[_COUNT]
         index = int(count) % SLOTS
@@ -116,22 +116,22 @@ class Channel:
         return self._header[_TARGETS]
 
     def wanted(self, index: int, size: int) -> Vec | None:
-        """The value that the page asks of a target, None where it asks none."""
+        """Value that the page requests for a target, None without a request."""
         return self._wanted[index, 1 : 1 + size].copy() if self._wanted[index, 0] else None
 
     def set_current(self, index: int, value: Vec) -> None:
-        """Tell the page where a target is."""
+        """Publish the value of a target for the page."""
         self._current[index, 1 : 1 + value.size] = value
         self._current[index, 0] = 1.0
 
     @property
     def paused(self) -> bool:
-        """Whether the page asks the loop to wait."""
+        """True if the page requests a pause."""
         return self._header[_PAUSED] != 0.0
 
     @property
     def steps(self) -> int:
-        """Single steps asked for so far."""
+        """Number of single steps requested so far."""
         return int(self._header[_STEPS])
 
     @property
@@ -148,7 +148,7 @@ class Channel:
 
     @property
     def closed(self) -> bool:
-        """Whether the loop has ended."""
+        """True if the loop has ended."""
         return self._header[_CLOSED] != 0.0
 
     def read(self, since: int) -> Mat:
@@ -163,7 +163,7 @@ class Channel:
         return np.asarray(slots[whole])
 
     def read_snapshot(self, since: int) -> tuple[int, Any] | None:
-        """The newest snapshot and its number, None if there is none after ``since`` or it is being replaced."""
+        """Newest snapshot and its number, None if there is none after ``since`` or it is being replaced."""
         turn = int(self._header[_SNAPSHOT])
         if turn <= since:
             return None
@@ -175,26 +175,26 @@ class Channel:
         return turn, pickle.loads(data)
 
     def set_wanted(self, index: int, value: Vec | None) -> None:
-        """Ask for a target, or give it back to the loop with None."""
+        """Request a value for a target, or release it to the loop with None."""
         if value is not None:
             self._wanted[index, 1 : 1 + value.size] = value
         self._wanted[index, 0] = 0.0 if value is None else self._wanted[index, 0] + 1.0
         self._header[_TARGETS] = self._header[_TARGETS] + 1.0
 
     def current(self, index: int, size: int) -> Vec | None:
-        """Where the loop says a target is, None before it has said so."""
+        """Value of a target in the loop, None before the first one."""
         return self._current[index, 1 : 1 + size].copy() if self._current[index, 0] else None
 
     def set_paused(self, paused: bool) -> None:
-        """Ask the loop to wait, or to go on."""
+        """Request that the loop waits or continues."""
         self._header[_PAUSED] = float(paused)
 
     def add_step(self) -> None:
-        """Ask a waiting loop for one tick."""
+        """Request one tick from a waiting loop."""
         self._header[_STEPS] = self._header[_STEPS] + 1.0
 
     def set_ready(self, port: float) -> None:
-        """Tell the loop that the page is served at a port, or -1 that it cannot be."""
+        """Publish the port of the page, -1 for a failure."""
         self._header[_READY] = port
 
     def close(self) -> None:

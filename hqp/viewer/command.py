@@ -88,7 +88,7 @@ def _page(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _tell(view: View, what: str, arguments: argparse.Namespace) -> None:
-    """Print what is shown and where, and open it."""
+    """Print the content and address of the page, and open it."""
     print(f"{what}\nopen {view.url} (Ctrl-C ends)", flush=True)
     if view.elsewhere:
         print(f"from another machine: {view.elsewhere}", flush=True)
@@ -97,7 +97,7 @@ def _tell(view: View, what: str, arguments: argparse.Namespace) -> None:
 
 
 def _has_display() -> bool:
-    """Whether a browser that opens has a window: without one Python takes browsers of the terminal."""
+    """Return true if a browser opens in a window: without one Python takes browsers of the terminal."""
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")))
 
 

@@ -1,4 +1,4 @@
-"""What the viewer's process needs of a session: plain data, so that no class of the user has to be found there."""
+"""Data of a session for the viewer's process: plain data, so that no class of the user has to be found there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hqp.programs.formulation import Formulation
 
 @dataclass(frozen=True)
 class Member:
-    """One element: where its rows are, and what the page calls it and them."""
+    """One element: place of its rows, and its titles on the page."""
 
     name: str
     kind: str
@@ -35,8 +35,8 @@ class Member:
 class Target:
     """A task whose reference can be moved in the page.
 
-    kind: of hqp/viewer/places.py.  shape: of its value.  axes: in which a point is moved.  angles: which of roll, pitch
-    and yaw the value holds.  axis: of the frame, that is to point somewhere.
+    kind: of hqp/viewer/places.py.  shape: shape of its value.  axes: in which a point is moved.  angles: components of
+    roll, pitch and yaw in the value.  axis: axis of the frame to be pointed.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Target:
 class StackDescription:
     """A compiled stack: sizes of a tick's vectors, levels, members and targets.
 
-    sizes: of q, v, command, x and of each level's residual.
+    sizes: sizes of q, v, command, x and of each level's residual.
     """
 
     version: int
@@ -148,7 +148,7 @@ def describe_stack(line: Line, formulation: Formulation, version: int, room: int
 
 
 def frame_of(element: Any) -> str:
-    """The frame that an element is about, an empty string where there is none."""
+    """Frame of an element, an empty string without one."""
     frame = getattr(element, "frame", "")
     return frame if isinstance(frame, str) else ""
 

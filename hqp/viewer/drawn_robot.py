@@ -15,7 +15,7 @@ from .meshes import color_of, links, load, quaternion
 class DrawnRobot:
     """The shapes of a robot, or rods between its joints where it has none; ``update`` moves them to where it is.
 
-    vertices: of a body's shapes, in its axes.
+    vertices: vertices of a body's shapes, in its axes.
     """
 
     def __init__(self, scene: Any, about: RobotDescription, robot: Any) -> None:

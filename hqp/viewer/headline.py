@@ -1,4 +1,4 @@
-"""The page's one sentence: the states of all elements, as their cards show them, in the order of what matters."""
+"""The page's one sentence: the states of all elements, as their cards show them, in order of importance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make_headline(
 ) -> tuple[str, str, str]:
     """One sentence for a visitor, the reason in another, and its tone: good, warn or bad.
 
-    near: whether each target is reached.  coming: targets that become nearer.
+    near: one flag per reached target.  coming: targets that become nearer.
     """
     first = notes[0] if notes else ""
     if status == "CONSTRAINTS_VIOLATED":
@@ -49,7 +49,7 @@ def make_headline(
 
 
 def _give_way(names: Sequence[str]) -> str:
-    """Who gives way, in words."""
+    """Name the yielding elements in words."""
     if len(names) < 2:
         return f"{names[0]} gives way" if names else ""
     rest = names[-1] if len(names) == 2 else f"{len(names) - 1} more"

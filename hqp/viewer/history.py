@@ -14,7 +14,7 @@ from .channel import HEAD
 from .description import StackDescription
 
 SECONDS = 10.0
-"""What the curves of the page span [s]."""
+"""Time span of the page's curves [s]."""
 
 BINS = 140
 

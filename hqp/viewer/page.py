@@ -98,7 +98,7 @@ def _constraints(levels: list[LevelView]) -> str:
 
 
 def panel(account: Account, curves: Curves, budget_us: float, unit: str) -> str:
-    """The side panel: which level gives way to which, joints at limits, changes of the command, times."""
+    """The side panel: levels and their losses, joints at limits, changes of the command, times."""
     return (
         f'<div style="{_FONT};color:{INK};font-size:16px;padding:2px 4px">'
         + _section("What gives way", _losses(account))

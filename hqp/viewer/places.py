@@ -1,4 +1,4 @@
-"""Where a task's reference is in the scene, how far the robot is from it, and the reference of a place it is put to."""
+"""Place of a task's reference in the scene, its distance from the robot, and the reference at a dragged place."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .description import Target
 
 XYZ = "xyz"
 ARM = 0.4
-"""How far from its frame a direction's handle is [m]."""
+"""Distance of a direction's handle from its frame [m]."""
 
 TURN = 0.1
 """Length that a turn of 1 rad counts as, where one number stands for both [m]."""
@@ -23,13 +23,13 @@ class Point:
     """A point of a frame or a centre of mass, in some of the axes of the world or of another frame."""
 
     moves, turns = True, False
-    """Whether the handle is moved, and whether it is turned."""
+    """The handle can be moved; it can be turned."""
 
     def __init__(self, target: Target, robot: Any) -> None:
         self.target, self.robot = target, robot
 
     def here(self, state: Any) -> tuple[Vec, Mat]:
-        """Where the robot has what the task controls."""
+        """Present place of the controlled frame or point."""
         target = self.target
         if target.kind == "com":
             return state.com(self.robot.subtree(target.subtree) if target.subtree else 0), np.eye(3)
@@ -37,7 +37,7 @@ class Point:
         return state.position(target.frame) + R @ np.array(target.offset), R
 
     def there(self, state: Any, value: Vec) -> tuple[Vec, Mat]:
-        """Where the reference is; coordinates that the task leaves free are the robot's."""
+        """Place of the reference; coordinates that the task leaves free are the robot's."""
         origin, axes = self._observer(state)
         local = axes.T @ (self.here(state)[0] - origin)
         for number, axis in zip(value, self.target.axes, strict=True):
@@ -51,7 +51,7 @@ class Point:
         return np.array([local[XYZ.index(axis)] for axis in self.target.axes])
 
     def distance(self, state: Any, value: Vec) -> tuple[float, str]:
-        """How far the robot is from its reference [m], and the same in words."""
+        """Distance of the robot from its reference [m], and the same in words."""
         d = float(np.linalg.norm(self.there(state, value)[0] - self.here(state)[0]))
         return d, length(d)
 
@@ -83,7 +83,7 @@ class Rotation(Point):
 
 
 class Angles(Rotation):
-    """Some of roll, pitch and yaw of a frame; those that the task leaves free are the robot's."""
+    """Some of roll, pitch and yaw of a frame; free ones are the robot's."""
 
     def there(self, state: Any, value: Vec) -> tuple[Vec, Mat]:
         from hqp.tasks.rotations import roll_pitch_yaw
@@ -171,13 +171,13 @@ def _turned(roll: float, pitch: float, yaw: float) -> Mat:
 
 
 def length(metres: float) -> str:
-    """A length as a person says it."""
+    """Format a length for people."""
     if metres >= 1.0:
         return f"{metres:.2f} m"
     return f"{100.0 * metres:.1f} cm" if metres >= 0.01 else f"{1000.0 * metres:.1f} mm"
 
 
 def angle(radians: float) -> str:
-    """An angle as a person says it."""
+    """Format an angle for people."""
     degrees = math.degrees(radians)
     return f"{degrees:.0f}°" if degrees >= 9.95 else f"{degrees:.1f}°"

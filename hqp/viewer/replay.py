@@ -23,7 +23,7 @@ from .session_view import View
 
 @dataclass(frozen=True)
 class _Shown:
-    """What the page needs of a tick."""
+    """Interface of a tick for the page."""
 
     state: RecordedTick
     command: Any
@@ -80,9 +80,9 @@ def replay(
 ) -> int:
     """Show a recording until interrupted or for some seconds of the clock; returns the number of ticks shown.
 
-    host, port, password: as a View takes them.  speed: 1 is real time.  started: called with the view and how many
-    ticks are left out, those of another stack than the recording's.  Raises HqpError where the recording has no stack
-    as text or its robot is another.
+    host, port, password: arguments of View.  speed: 1 is real time.  started: called with the view and how many ticks
+    are left out, those of another stack than the recording's.  Raises HqpError where the recording has no stack as text
+    or its robot is another.
     """
     from hqp import serial
 

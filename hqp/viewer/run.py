@@ -36,9 +36,9 @@ def run(
     """Run until interrupted, or for some seconds of the clock; returns the number of ticks.
 
     Every element holds the value it has at home until it is dragged in the page.  A tick that is late is not made up
-    for.  solver: as a Controller takes it.  host, port, password: as a View takes them.  started: called with the view
-    once the page is served.  operator: called with a page for an operator's headset or phone, served beside it, whose
-    hands are followed.  Raises what ``Controller.session`` and View raise.
+    for.  solver: argument of Controller.  host, port, password: arguments of View.  started: called with the view once
+    the page is served.  operator: called with a page for an operator's headset or phone, served beside it, whose hands
+    are followed.  Raises the errors of ``Controller.session`` and View.
     """
     session = Controller(stack, formulation, solver).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)

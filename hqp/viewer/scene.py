@@ -26,7 +26,7 @@ HELD = 1.0
 
 
 class Scene:
-    """What viser draws; ``update`` moves it to a state."""
+    """Scene of viser; ``update`` moves it to a state."""
 
     def __init__(self, server: Any, about: RobotDescription, robot: Any, channel: Channel, drag: bool) -> None:
         self._server, self._robot, self._channel, self._drag = server, robot, channel, drag
@@ -41,7 +41,7 @@ class Scene:
         self._com: tuple[Any, Any, Any] | None = None
 
     def show_stack(self, stack: StackDescription, frames: Mapping[str, str]) -> None:
-        """Targets and contacts of a stack; frames: of its contacts, by name."""
+        """Targets and contacts of a stack; frames: frames of its contacts, by name."""
         for handle in self.handles:
             handle.remove()
         self.handles = [
@@ -59,7 +59,7 @@ class Scene:
             )
 
     def _sole(self, frame: str) -> Mat:
-        """Corners of what touches the ground at a contact, in the frame's axes ``(k, 3)``."""
+        """Corners of the ground contact area, in the frame's axes ``(k, 3)``."""
         robot = self._robot
         index = robot.frame(frame)
         body = robot.body(index)
@@ -120,13 +120,13 @@ class Scene:
             )
 
     def targets(self) -> Mat:
-        """Where targets are, and the tips of their handles ``(k, 3)`` [m]."""
+        """Places of targets, and the tips of their handles ``(k, 3)`` [m]."""
         places = np.array([h.there for h in self.handles if h.there is not None]).reshape(-1, 3)
         return np.vstack((places, places + [0.0, 0.0, SIZE]))
 
     @property
     def in_hand(self) -> bool:
-        """Whether a target is being dragged."""
+        """True while a target is being dragged."""
         return any(time.monotonic() - handle.touched < HELD for handle in self.handles)
 
     def outline(self) -> Mat:
@@ -135,7 +135,7 @@ class Scene:
 
 
 def _inside(point: Vec, outline: Mat) -> bool:
-    """Whether a point is inside a convex outline, counter-clockwise."""
+    """Return true if a point is inside a convex outline, counter-clockwise."""
     edge = np.roll(outline, -1, axis=0) - outline
     way = point - outline
     return bool(np.all(edge[:, 0] * way[:, 1] - edge[:, 1] * way[:, 0] >= 0.0))

@@ -1,4 +1,4 @@
-"""The viewer's process: reads what the loop shares, draws it, and gives back what is dragged."""
+"""The viewer's process: reads the shared memory of the loop, draws it, and returns dragged targets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from .history import History
 from .page import overlay, panel
 
 NOTES_BELOW = "<style>.mantine-Notifications-root{top:auto!important;bottom:1em!important}</style>"
-"""viser's own notes, say of slow graphics, stand at the bottom of the scene: at the top is the page's sentence."""
+"""viser's own notes, for example on slow graphics, stand at the bottom of the scene: at the top is the page's
+sentence."""
 
 SCENE_PERIOD, PAGE_PERIOD = 1.0 / 30.0, 0.2
 PANEL = "var(--hqp-panel, 27em)"
@@ -126,7 +127,7 @@ class Server:
         self._panel.content = panel(account, curves, self._budget, unit)
 
     def _closing(self) -> dict[str, float]:
-        """How fast every target's distance becomes less [m/s, rad/s], since this was asked last."""
+        """Rate of decrease of every target's distance [m/s, rad/s], since the last call."""
         now = time.monotonic()
         (then, before), self._before = self._before, (now, self._errors)
         dt = max(now - then, SCENE_PERIOD)

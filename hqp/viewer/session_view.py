@@ -41,22 +41,22 @@ _TARGETS = 24
 
 
 class View:
-    """A page that shows a session: the robot, its targets, every level's residual, and what holds what back.
+    """A page that shows a session: the robot, its targets, every level's residual, and the levels that limit each
+    other.
 
     Call ``view.step(state, *references)`` in place of ``session.step``, or keep ``session.step`` and call
     ``view.show(state, tick, *references)`` after it.  The page is served by another process, so that the loop pays for
     copies only.  It opens with the whole address that ``url`` is, or with the password.
 
     control: targets can be dragged in the page and then replace references of the same name in ``view.step``, and
-    ``view.wait`` honours its pause and step buttons; without it the page shows and nothing else.
-    host: this machine only by default; another one opens the page to the network, which a warning says.
-    port: of the page, the next that is free where it is taken, 0 for any.  password: opens the page, too.
-    period: between two accounts of the active elements [s].
+    ``view.wait`` honours its pause and step buttons; without it the page shows and nothing else.  host: this machine
+    only by default; another one opens the page to the network and warns.  port: port of the page, the next free one if
+    it is taken, 0 for any.  password: opens the page, too.  period: between two accounts of the active elements [s].
     Raises HqpError where viser is missing, the host is no address of this machine or the page does not come up.
     """
 
     steers: ClassVar[bool] = True
-    """Whether a target that is dragged can change what is shown."""
+    """True if a dragged target can change the motion."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class View:
         if password is not None and (not isinstance(password, str) or not password):
             raise DeclarationError("view", "an empty password", allowed="a text, or None")
         self._password = password or ""
-        self._run = session.line  # whose rows the tick that is shown has: in a transition another one
+        self._run = session.line  # line with the rows of the displayed tick: in a transition another one
         self._codes = {status: i for i, status in enumerate(STATUSES)}
         self._version = 0
         self._program: Any = None
@@ -112,7 +112,7 @@ class View:
 
     @property
     def doors(self) -> Doors:
-        """Who is let in; for pages that belong to this one."""
+        """Access control of the page; for pages that belong to this one."""
         return self._doors
 
     def open(self) -> bool:
@@ -159,11 +159,11 @@ class View:
 
     @property
     def paused(self) -> bool:
-        """Whether the page asks for a pause; a simulation calls ``wait``, a robot's loop goes on."""
+        """True while the page requests a pause; a simulation calls ``wait``, a robot's loop goes on."""
         return self.control and self._channel.paused
 
     def wait(self) -> None:
-        """Return at once, or, while the page asks for a pause, when it goes on or asks for one step."""
+        """Return at once, or, during a pause, when it ends or at the next single step."""
         if self.paused:
             self._flush()
         while self.paused and self._channel.steps == self._steps:
@@ -219,7 +219,7 @@ class View:
         if not is_loopback(self._doors.host):
             warnings.warn(NETWORK, NetworkWarning, stacklevel=4)
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        # the same hqp as here, wherever this is started: with -m Python looks in the current folder first
+        # the same hqp, regardless of the current folder: with -m Python looks in the current folder first
         program = f"import sys; sys.path[:] = {sys.path!r}; from hqp.viewer import server; sys.exit(server.main())"
         self._server = subprocess.Popen(
             [sys.executable, "-c", program],
@@ -253,7 +253,7 @@ class View:
             raise HqpError("the viewer's page did not start; see the output of its process above")
 
     def _take_targets(self) -> None:
-        """Read what was dragged in the page since the last tick."""
+        """Read the targets dragged in the page since the last tick."""
         self._asked = self._channel.targets_version
         self._dragged = {}
         for target in self.description.targets:
@@ -262,7 +262,7 @@ class View:
                 self._dragged[target.name] = Reference(target.name, value.reshape(target.shape))
 
     def _show_targets(self, references: tuple[Reference, ...]) -> None:
-        """Tell the page where the targets are: what the loop gives, and the hold values of all others."""
+        """Publish the targets for the page: the references of the loop, and the hold values of all others."""
         given = {r.name: r.value for r in references if r.value is not None}
         if not self._holds:
             self._holds = self._run.hold_values
@@ -293,7 +293,7 @@ class View:
         return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
 
     def _snapshot(self, tick: Tick) -> None:
-        """Publish what is told of this tick; one that was held is told with the rows of the last that was not."""
+        """Publish this tick; a held tick uses the rows of the last one that was not."""
         if tick.solution is not None:
             self._content = self._rows(tick)
         if self._content:

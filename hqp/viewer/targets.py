@@ -1,4 +1,4 @@
-"""Targets in the scene: a handle at each, and a line from what should be there."""
+"""Targets in the scene: a handle at each, and a line from its frame."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _ORANGE = (217, 122, 0)
 
 
 class Handle:
-    """One target; where it can be dragged, the place goes into the channel in the task's own coordinates.
+    """One target; if it can be dragged, its place goes into the channel in the task's own coordinates.
 
-    there: where it is in the world [m], None before that is known.  touched: when it was dragged last [s].
+    there: its place in the world [m], None while unknown.  touched: when it was dragged last [s].
     """
 
     def __init__(self, server: Any, channel: Channel, index: int, target: Target, robot: Any, drag: bool) -> None:
