@@ -1,0 +1,1 @@
+"""Metamorphic tests: transform an input, predict how the answer transforms, compare."""

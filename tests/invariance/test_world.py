@@ -1,0 +1,30 @@
+"""Turning and moving the world turns and moves the answer: joint commands stay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.invariance.scenes import KINDS, World, catalogue, off
+
+TOLERANCE = 1e-6
+"""Of the largest command; positions of 1 km carry rounding of 1e-13 m, amplified by gains and stiff rows."""
+
+
+def check(kind: str, seed: int) -> None:
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    scene = catalogue(rng, kind, names=("talos", "g1", "cbi", "icub", "romeo"))
+    yaw = float(rng.integers(36)) * math.radians(10.0) + float(rng.choice([0.0, 2.0 * math.pi, -2.0 * math.pi]))
+    shift = tuple(rng.uniform(-1000.0, 1000.0, 2)) + (float(rng.uniform(-100.0, 100.0)),)
+    here, there = scene.run(), scene.but(world=World(yaw, shift)).run()
+    assert off(here.commands, there.commands) < TOLERANCE, (
+        f"{scene.robot.name}, {kind}, reach {scene.reach} m, turned by {math.degrees(yaw):.0f} degrees, moved by {shift}"
+    )
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 24))])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_turned_and_moved_world_gets_the_same_command(kind: str, seed: int) -> None:
+    check(kind, seed)
