@@ -168,16 +168,16 @@ ABLATIONS: tuple[Ablation, ...] = (
     Ablation("eta 1e-4", "1e-2", "neighbours of *deep*, p99 of the slope", partial(steepest, "deep"), {}, 1e-2),
     Ablation("eta 1e-4", "1e-7", "neighbours of *small*, p99 of the slope", partial(steepest, "small"), {}, 1e-7),
     Ablation(
-        "TURNING[1]", "none (1e9)", "G1, posture 10/s, out of reach: p99 of acceleration [rad/s^2]",
-        partial(restless, "velocity", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[1]": 1e9},
+        "TURNING[1]", "none", "G1, posture 10/s, out of reach: p99 of acceleration [rad/s^2]",
+        partial(restless, "velocity", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[1]": math.inf},
     ),
     Ablation(
         "TURNING[1]", "a hundredth", "drawn loop 467: reversals a second",
         partial(of_seed, 467, "reversals"), {f"{_PRICE}TURNING[1]": hqp.declare.price.TURNING[1] / 100.0},
     ),
     Ablation(
-        "TURNING[2]", "none (1e9)", "G1, posture kp 100, out of reach: p99 of acceleration [rad/s^2]",
-        partial(restless, "acceleration", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[2]": 1e9},
+        "TURNING[2]", "none", "G1, posture kp 100, out of reach: p99 of acceleration [rad/s^2]",
+        partial(restless, "acceleration", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[2]": math.inf},
     ),
     Ablation(
         "LONGEST_TAU[1] 0.05 s", "0.005 s", "Talos, edge: p99 of acceleration [rad/s^2]",
@@ -201,7 +201,7 @@ ABLATIONS: tuple[Ablation, ...] = (
         partial(chosen, "ur5", "acceleration", "beyond", "acceleration_p50"), {f"{_PRICE}REST_TIME": 1e9},
     ),
     Ablation(
-        "ACCURATE 1e-8", "none (1e9)", "named problems: sure of a wrong answer", wrong,
+        "ACCURATE 1e-8", "none", "named problems: sure of a wrong answer", wrong,
         {"hqp.solvers.stages.ACCURATE": 1e9},
     ),
     Ablation(

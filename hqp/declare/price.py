@@ -30,9 +30,9 @@ REST_TIME = math.sqrt(2.0)
 A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
 and this damps it to 0.7 of critical."""
 
-TURNING = {1: 0.7, 2: 1000.0}
-"""[rad^4/s^3, rad^4/s^6 by the order of the laws] price of speed below an unmet level, t_k = dt^order / (TURNING eta
-c_k^2 L_k^2).
+TURNING = {1: 350.0, 2: 2.5e8}
+"""[rad^4/s^4, rad^4/s^8 by the order of the laws] price of speed below an unmet level, t_k = 1 / (TURNING eta c_k^2
+L_k^2).  It has no dt: a loop at half the period carries out the same motion.
 
 The motion of a posture turns the rows of the level above it: the more that level misses, the slower the posture has to
 be.  In proportion to omega^2, so that a level that comes to be unmet by next to nothing stops nobody at once."""
@@ -215,7 +215,7 @@ def level_prices(
         return None
     sizes: Sizes | None = None
     prices, turning = np.zeros(len(groups)), np.zeros(len(groups))
-    gamma = dt**order / (TURNING[order] * ETA) if dt <= LONGEST_TICK else 0.0
+    gamma = 1.0 / (TURNING[order] * ETA) if dt <= LONGEST_TICK else 0.0
     trailing, longest = True, 0.0
     for k in range(len(groups) - 1, -1, -1):
         group = groups[k]

@@ -55,7 +55,8 @@ class Scene:
     """A robot that moves its tool and its CoM from where it stands.
 
     flat: frames of soles; points: frames of point feet.  reach: offset of the tool [m].  unit: model's lengths per
-    metre.  tool_turn: rotation of the tool's frame in its link that the task undoes.  mirror: targets reflected in y = 0.
+    metre.  tool_turn: rotation of the tool's frame in its link that the task undoes.  mirror: reflect targets in y = 0.
+    sway: size of a quick motion of the CoM, which takes feet to the edges of their friction cones at 1.
     options: further arguments of the Controller.
     """
 
@@ -74,6 +75,7 @@ class Scene:
     tool_turn: Mat = field(default_factory=lambda: np.eye(3))
     start: Vec | None = None
     mirror: bool = False
+    sway: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
     rewritten: Callable[[hqp.Controller], hqp.Controller] = lambda controller: controller
     order: Callable[[list[Element]], list[Element]] = list
@@ -126,7 +128,8 @@ class Scene:
             part = min(1.0, 1.5 * i / self.ticks)
             away = self.unit * self.reach * part * turn @ S @ np.array([1.0, 0.2, 0.1])
             bent = turn @ S @ pin.exp3(0.3 * part * np.array([0.2, 1.0, -0.4])) @ S @ turn.T @ R @ self.tool_turn
-            moved = (self.unit * part * turn @ S @ np.array([0.02, 0.01, 0.0]))[:2]
+            sway = self.sway * np.array([0.03 * math.sin(25.0 * i * self.dt), 0.06 * math.sin(30.0 * i * self.dt), 0.0])
+            moved = (self.unit * turn @ S @ (part * np.array([0.02, 0.01, 0.0]) + sway))[:2]
             given: list[hqp.Reference] = [tool.at(at + away), turned.at(bent)]
             if self.flat or self.points:
                 given.append(balance.at(com + moved))

@@ -17,11 +17,9 @@ def check(kind: str, seed: int) -> None:
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     scene = catalogue(rng, kind, names=("talos", "g1", "cbi", "icub", "romeo"))
     yaw = float(rng.integers(36)) * math.radians(10.0) + float(rng.choice([0.0, 2.0 * math.pi, -2.0 * math.pi]))
-    shift = tuple(rng.uniform(-1000.0, 1000.0, 2)) + (float(rng.uniform(-100.0, 100.0)),)
+    shift = (*rng.uniform(-1000.0, 1000.0, 2).tolist(), float(rng.uniform(-100.0, 100.0)))
     here, there = scene.run(), scene.but(world=World(yaw, shift)).run()
-    assert off(here.commands, there.commands) < TOLERANCE, (
-        f"{scene.robot.name}, {kind}, reach {scene.reach} m, turned by {math.degrees(yaw):.0f} degrees, moved by {shift}"
-    )
+    assert off(here.commands, there.commands) < TOLERANCE, (scene.robot.name, scene.reach, math.degrees(yaw), shift)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 24))])

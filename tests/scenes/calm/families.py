@@ -99,7 +99,7 @@ def problem(rng: Generator, family: str) -> Hierarchy:
 
 def priced(found: list[Rows], prices: Mat, hard: int, motion: Motion | None, size: float = SIZE) -> Hierarchy:
     """A hierarchy with the turning of velocities in ticks of DT; L_k = size."""
-    turning = np.divide(DT / (TURNING[1] * ETA * size**2), prices, out=np.zeros(len(prices)), where=prices > 0.0)
+    turning = np.divide(1.0 / (TURNING[1] * ETA * size**2), prices, out=np.zeros(len(prices)), where=prices > 0.0)
     return Hierarchy(tuple(found), constraints=hard, prices=prices, motion=motion, turning=turning)
 
 
