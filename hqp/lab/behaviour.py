@@ -1,4 +1,4 @@
-"""What the robot did in a closed loop, from its states alone: the same figures for every solver and every library."""
+"""Behaviour of the robot in a closed loop, from its states alone: equal figures for every solver and every library."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def behaviour(
 
 
 def _length(element: Any, error: Vec) -> float:
-    """Norm of an error; of a pose the part in metres."""
+    """Norm of an error; for a pose the part in metres."""
     metres = error[:3] if element.units[:1] == ("m",) and len(element.units) > 1 else error
     return float(np.sqrt(metres @ metres))
 

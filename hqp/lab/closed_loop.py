@@ -37,11 +37,9 @@ def bench(
 
     trajectory: see Trajectory.  solvers: names, Solver values, "all" that are available, or "" for the one that a
     Controller takes.  plant: ``integrator`` or ``mujoco``.  certify_every: every how many ticks the answer is judged by
-    the certificate, outside the timed step.
-    progress: called with a solver's name and the share of its loop that is done.  BLAS takes one thread meanwhile:
-    matrices are too small for more.
-    A solver that refuses the stack, or is not installed, has a line that says why.
-    Raises DeclarationError for a bad trajectory or plant.
+    the certificate, outside the timed step.  progress: called with a solver's name and the share of its loop that is
+    done.  BLAS takes one thread meanwhile: matrices are too small for more.  A solver that refuses the stack, or is not
+    installed, has a line with the reason.  Raises DeclarationError for a bad trajectory or plant.
     """
     formulation = formulation or Velocity()
     chosen = available() if solvers == "all" else (solvers or default(),) if isinstance(solvers, str) else solvers
@@ -75,7 +73,7 @@ def bench(
         lines.append(summarise(one))
     if not lines:
         raise HqpError("no solver to run")
-    with one_thread():  # as the loops ran
+    with one_thread():  # setting of the loops
         about = manifest(
             stack=str(stack),
             robot=robot.name,

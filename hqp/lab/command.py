@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Run the loops, print the table, write what is asked; 1 if a solver has become slower than before."""
+    """Run the loops, print the table, write the requested files; 1 if a solver has become slower than before."""
     from .closed_loop import bench
 
     stack, robot, formulation = read_stack(arguments)

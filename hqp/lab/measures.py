@@ -1,4 +1,4 @@
-"""What a run comes to: times against the budget, residuals, certificates, and how calm the commands are."""
+"""Figures of a run: times against the budget, residuals, certificates, and how calm the commands are."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ MOST_OVER = 1e-6
 class Summary:
     """One line of the table.
 
-    p50_us ... max_us: of the whole step.  floor_us: median of a bare kinematics call in the same run; ratio: p50 to it.
-    noise: relative spread of the ratio between tenths of the run.  misses: ticks over the period, and the longest run
-    of them.  split_us: medians of state, assemble, solve, command.  residual_max, residual_end: by level.
+    p50_us ... max_us: times of the whole step.  floor_us: median of a bare kinematics call in the same run; ratio: p50
+    to it.  noise: relative spread of the ratio between tenths of the run.  misses: ticks over the period, and the
+    longest run of them.  split_us: medians of state, assemble, solve, command.  residual_max, residual_end: by level.
     certified: share of judged ticks.  jump: largest change of a command in a tick; acceleration: its p50 and p99 over
-    the period, of the fastest joint; reversals: sign changes of the command's change a second, worst joint.
-    off: distance from its reference at the end, off_max: at most, of each element that has one [m, rad].  drift:
-    largest displacement of a contact [m, rad].  over, speeding: largest excess over a joint's range [rad] and speed
-    limit [rad/s].
+    the period, of the fastest joint; reversals: sign changes of the command's change a second, worst joint.  off:
+    distance from its reference at the end, off_max: at most, of each element that has one [m, rad].  drift: largest
+    displacement of a contact [m, rad].  over, speeding: largest excess over a joint's range [rad] and speed limit
+    [rad/s].
     """
 
     solver: str
@@ -70,7 +70,7 @@ class Summary:
     note: str = ""
 
     def missed(self, period_us: float) -> frozenset[str]:
-        """Columns in which the run misses what a controller has to keep at a period [us]; none for a refused one.
+        """Columns in which the run violates a requirement on a controller at a period [us]; none for a refused one.
 
         Every tick solved, in its period and, by a strict solver, certified; at most ``MOST_REVERSALS``; contacts
         within ``MOST_DRIFT``; joints inside their range.
@@ -165,7 +165,7 @@ def _largest(errors: Mat) -> Vec:
 
 
 def reversals(commands: Mat, dt: float) -> float:
-    """Sign changes a second of the command's change, worst joint; changes below 1e-6 of the largest are none."""
+    """Sign changes a second of the command's change, worst joint; changes below 1e-6 of the largest do not count."""
     change = np.diff(commands, axis=0)
     if len(change) < 2:
         return 0.0

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 COLORS = ("#1668c7", "#d97a00", "#1a8f4c", "#cf2a2a", "#7a4fb5", "#8c6239", "#5b6673")
 BUDGET = "#cf2a2a"
-LEAST = 1e-16  # of a residual that is drawn
+LEAST = 1e-16  # smallest residual in the figure
 _STYLE = """
 body{font:16px/1.5 system-ui,-apple-system,'Segoe UI',Roboto,sans-serif;color:#1d2530;max-width:1180px;
 margin:32px auto;padding:0 20px} h1{font-size:26px;margin:0 0 4px} h2{font-size:19px;margin:30px 0 6px}

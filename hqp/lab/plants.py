@@ -1,4 +1,4 @@
-"""What carries the commands out: the exact integrator, or MuJoCo under servos or torques."""
+"""Plants: the exact integrator, or MuJoCo under servos or torques."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Integrator:
         self._q, self._v = session.robot.home.copy(), np.zeros(session.robot.nv)
 
     def state(self) -> tuple[Vec, Vec]:
-        """Where the robot is."""
+        """Present state of the robot."""
         return self._q, self._v
 
     def carry_out(self, tick: Tick) -> None:
@@ -48,8 +48,8 @@ class Integrator:
 class Simulated:
     """MuJoCo: torques at torque level, position servos otherwise; the base is measured, joints as commanded.
 
-    A servo gets the commanded joint position and rate; the session integrates from what it commanded, so that the lag
-    of the servos is no error of the stack.
+    A servo gets the commanded joint position and rate; the session integrates from its own commands, so that the lag of
+    the servos is no error of the stack.
     """
 
     def __init__(self, session: Session) -> None:
@@ -69,7 +69,7 @@ class Simulated:
         self._order = session.controller.formulation.order
 
     def state(self) -> tuple[Vec, Vec]:
-        """What the session sees."""
+        """State for the session."""
         return self._q, self._v
 
     def carry_out(self, tick: Tick) -> None:

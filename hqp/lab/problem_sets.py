@@ -111,7 +111,7 @@ def to_qpbenchmark(source: str | Path, target: str | Path) -> Path:
 
 
 def picked(rows: Rows) -> bool:
-    """Whether the rows each pick one variable."""
+    """Return true if every row picks one variable."""
     return isinstance(rows.A, Selection)
 
 

@@ -1,4 +1,4 @@
-"""What a bench returns: a table for the terminal, Markdown, JSON, Parquet and one page of HTML."""
+"""Results of a bench: a table for the terminal, Markdown, JSON, Parquet and one page of HTML."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MISS = " !"
 """Follows a cell whose figure misses its goal."""
 
 BEHAVIOUR = _HEADER.index("certified")
-"""The first column of the first table that tells of behaviour, not of time."""
+"""The first column of the first table on behaviour instead of time."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Bench:
-    """Summaries by solver, every tick behind them, and what they were measured on; ``str()`` for a terminal."""
+    """Summaries by solver, every tick behind them, and their conditions; ``str()`` for a terminal."""
 
     manifest: dict[str, Any]
     lines: tuple[Summary, ...]
@@ -62,7 +62,7 @@ class Bench:
 
     @property
     def title(self) -> str:
-        """What was run on what."""
+        """Stack, robot and conditions of the run."""
         m = self.manifest
         return (
             f"{m['stack']}\non {m['robot']}, {m['formulation']}, {m['trajectory']}, {m['plant']}, "
@@ -71,7 +71,7 @@ class Bench:
 
     @property
     def caption(self) -> str:
-        """How to read the table."""
+        """Explanation of the table."""
         unit = {"Velocity": "rad/s", "Acceleration": "rad/s^2", "Torque": "N m"}[self.manifest["formulation"]]
         return (
             "* not strict; x floor: median tick over a bare kinematics call of the same run; missed: ticks over the "
@@ -87,7 +87,7 @@ class Bench:
         return _HEADER
 
     def cells(self) -> tuple[tuple[str, ...], ...]:
-        """The first table's body as text: times and calm, `` !`` behind what misses its goal."""
+        """The first table's body as text: times and calm, `` !`` behind missed goals."""
         rows: list[tuple[str, ...]] = []
         for s in self.lines:
             name = s.solver if s.strict else f"{s.solver} *"

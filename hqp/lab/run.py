@@ -33,9 +33,9 @@ class Run:
 
     times ``(k, 4)``: state, assemble, solve, command [us]; total ``(k,)``: the whole step [us].  floor ``(k,)``: a bare
     kinematics call of the same tick [us].  cpu ``(k,)``: processor time of the step [us].  residuals ``(k, levels)``.
-    commands ``(k, n_actuated)``.  gaps: largest certificate gap of judged ticks ``(j,)``, certified: whether each
-    passed.  unsolved: ticks whose status is not solved.  behaviour: what the robot did, rates: its
-    velocities ``(k, nv)``.
+    commands ``(k, n_actuated)``.  gaps: largest certificate gap of judged ticks ``(j,)``, certified: one flag per
+    judged tick.  unsolved: ticks whose status is not solved.  behaviour: behaviour of the robot, rates: its velocities
+    ``(k, nv)``.
     """
 
     solver: str
@@ -73,10 +73,11 @@ def run(
     bare: Callable[[Vec], None] | None = None,
     patience: float = math.inf,
 ) -> Run:
-    """Run the loop; raises what ``Controller.session`` raises.  told: called with the number of ticks done.
+    """Run the loop; raises the errors of ``Controller.session``.  told: called with the number of ticks done.
 
-    price: as of a Controller.  bare: what the floor measures at a configuration, the state's kinematics by default.
-    No tick is cut short: one over the period is counted.  patience: after so long the loop ends with fewer ticks [s].
+    price: argument of Controller.  bare: reference computation of the floor at a configuration, the state's kinematics
+    by default.  No tick is cut short: one over the period is counted.  patience: after so long the loop ends with fewer
+    ticks [s].
     """
     robot = robot.copy()
     session = Controller(stack, formulation, solver, price=price, deadline=math.inf).session(robot, dt)

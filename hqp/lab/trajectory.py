@@ -1,4 +1,4 @@
-"""What the targets do over time: a named motion, a function of time, or a file of samples."""
+"""Targets over time: a named motion, a function of time, or a file of samples."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Trajectory:
     """References over time for the positions, poses and centres of mass of a stack.
 
     source: a name of ``NAMED``, a function of time, a CSV or Parquet file, or ``module:function``.  A file has a column
-    ``t`` [s] and columns ``element.0``, ``element.1``, ... of each value, interpolated linearly and held at the end.
+    ``t`` [s] and columns ``element.0``, ``element.1``, ... for each value, interpolated linearly and held at the end.
     Raises DeclarationError for an unknown source, element or column.
     """
 

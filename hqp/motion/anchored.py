@@ -1,4 +1,5 @@
-"""The frame from which a motion is solved, both ways: what leads into a corner forwards may not do so backwards."""
+"""The frame from which a motion is solved, both ways: a corner that traps the forward pass may not trap the backward
+one."""
 
 from __future__ import annotations
 
@@ -12,17 +13,17 @@ from .shortfalls import OFF
 from .tracker import Pass, Tracker
 
 SHORT = 0.1
-"""What is behind for a shorter time needs no other anchor [s]."""
+"""A shorter lag needs no other anchor [s]."""
 
 MOST = 5
-"""So many frames are anchors at most."""
+"""Maximum number of anchors."""
 
 
 def solved(tracker: Tracker) -> Pass:
     """The whole motion, from the anchor that leaves hands and feet least behind.
 
-    The first frame is the first anchor.  Where a hand or a foot is behind for a while, the last frame is the next one,
-    then the worst frame of the best pass so far, as long as that leaves less behind.
+    The first frame is the first anchor.  If a hand or a foot lags for a while, the last frame is the next one, then the
+    worst frame of the best pass so far, as long as that reduces the lag.
     """
     last = len(tracker.targets) - 1
     best, errors = _from(tracker, 0, None)
@@ -49,11 +50,11 @@ def _from(tracker: Tracker, anchor: int, hint: Pass | None) -> tuple[Pass, Mat]:
 
 
 def _behind(tracker: Tracker, errors: Mat) -> bool:
-    """Whether a part is behind for longer than ``SHORT``."""
+    """Return true if a part lags for longer than ``SHORT``."""
     frames = max(1, round(SHORT / tracker.dt))
     return any(last - first >= frames for column in errors.T for first, last in runs(column > OFF))
 
 
 def _cost(errors: Mat) -> float:
-    """How far hands and feet are behind, over all frames [m]."""
+    """Lag of hands and feet, over all frames [m]."""
     return float(np.maximum(errors - OFF, 0.0).sum())

@@ -1,4 +1,4 @@
-"""A robot as a person: where the frames of a map are at home, and how long its limbs are."""
+"""A robot as a person: places of a map's frames at home, and lengths of its limbs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Body:
     places, axes: position ``(3,)`` [m] and rotation ``(3, 3)`` of each part.  middle: half way between the hips in the
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
     ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
-    corners: of the rectangle around each sole, in the same axes ``(4, 3)``.
+    corners: corners of the rectangle around each sole, in the same axes ``(4, 3)``.
     """
 
     places: dict[str, Vec]
@@ -37,7 +37,7 @@ class Body:
 
     @staticmethod
     def of(robot: Robot, found: SkeletonMap) -> Body:
-        """Of a robot and its map; raises DeclarationError where two frames of a limb are at one place."""
+        """Measure a robot under its map; raises DeclarationError where two frames of a limb are at one place."""
         state = robot.state(robot.home)
         axes = {part: np.array(state.rotation(frame)) for part, frame in found.frames.items()}
         places = {
@@ -60,7 +60,7 @@ class Body:
         return Body(places, axes, axes["pelvis"].T @ (hips - places["pelvis"]), levers, toes, heels, corners)
 
     def length(self, one: str, two: str) -> float:
-        """Of a limb, the mean of both sides [m]."""
+        """Length of a limb, the mean of both sides [m]."""
         ways = [self.places[f"{side}_{one}"] - self.places[f"{side}_{two}"] for side in SIDES]
         return float(np.mean([np.linalg.norm(way) for way in ways]))
 
@@ -79,7 +79,7 @@ class Body:
 
 
 def _extent(robot: Robot, found: SkeletonMap, axes: dict[str, Mat], side: str) -> tuple[Vec, Vec]:
-    """How far a sole reaches from its point: back and right, forward and left ``(2,)`` [m]; 5 cm without shapes."""
+    """Extent of a sole from its point: back and right, forward and left ``(2,)`` [m]; 5 cm without shapes."""
     from hqp.robots.soles import sole
 
     part = f"{side}_sole"

@@ -1,4 +1,5 @@
-"""Where to begin: configurations that meet the targets of a frame, searched from several headings and postures."""
+"""Start configurations: configurations that meet the targets of a frame, searched from several headings and
+postures."""
 
 from __future__ import annotations
 
@@ -19,10 +20,10 @@ SAME = 5e-3
 """Residuals that differ by less are alike [m, rad]: the earlier start is taken."""
 
 ABOVE = ("subject_to", "stance", "ground", "swing", "hands")
-"""Levels that a start has to meet; where one does, no other is searched."""
+"""Levels that a start has to meet; if one does, the search ends."""
 
 TOLERANCE = 2e-3
-"""Of ``reach`` [m, rad]."""
+"""Tolerance of ``reach`` [m, rad]."""
 
 
 def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
@@ -43,12 +44,12 @@ def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
 
 
 def _enough(found: Reached) -> bool:
-    """Whether feet and hands are where they are to be: what is below them is a matter of posture."""
+    """Return true if feet and hands are at their targets: the levels below are a matter of posture."""
     return all(found.residuals[level] < SAME for level in found.residuals if level in ABOVE)
 
 
 def _worse(one: Reached, two: Reached) -> bool:
-    """Whether the first level in which they differ is worse in one."""
+    """Return true if the first level in which they differ is worse in one."""
     for level in one.residuals:
         if abs(one.residuals[level] - two.residuals[level]) > SAME:
             return one.residuals[level] > two.residuals[level]
@@ -71,7 +72,7 @@ def _placed(tracker: Tracker, frame: int) -> Iterator[Vec]:
 
 
 def _product(one: tuple[float, ...], two: Vec) -> Vec:
-    """Of quaternions xyzw ``(4,)``."""
+    """Product of quaternions xyzw ``(4,)``."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray((Rotation.from_quat(one) * Rotation.from_quat(two)).as_quat())

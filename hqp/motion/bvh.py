@@ -18,7 +18,7 @@ END = "End"
 def read_bvh(path: str | Path) -> Motion:
     """Joint positions of a BVH file in its own axes and unit; ends of chains are joints, ``HeadEnd``.
 
-    Raises HqpError without bvhio, DeclarationError for a file that is none.
+    Raises HqpError without bvhio, DeclarationError for an invalid file.
     """
     try:
         import bvhio  # pyright: ignore[reportMissingImports]

@@ -11,10 +11,10 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, closest
 
 CUTOFF = 10.0
-"""Of ``Motion.smoothed`` [Hz]: what marker noise is above and human limbs are below."""
+"""Cutoff of ``Motion.smoothed`` [Hz]: marker noise is above it and motion of human limbs below."""
 
 EDGE = 9
-"""So many samples at least a filter continues a motion beyond its ends, turned about them."""
+"""Least number of samples by which a filter continues a motion beyond its ends, point-reflected."""
 
 UPS = ("auto", "y", "z")
 
@@ -23,9 +23,9 @@ UPS = ("auto", "y", "z")
 class Motion:
     """Positions of the joints of a person, z up.
 
-    names: of the joints, J of them.  positions ``(T, J, 3)``, in any unit of length.  fps [1/s].  parents: index of
-    each joint's parent, -1 for a root, empty where nobody said.
-    Raises DeclarationError for shapes that do not fit, numbers that are not finite, and less than two frames.
+    names: names of the J joints.  positions ``(T, J, 3)``, in any unit of length.  fps [1/s].  parents: index of each
+    joint's parent, -1 for a root, empty if unknown.  Raises DeclarationError for shapes that do not fit, numbers that
+    are not finite, and less than two frames.
     """
 
     names: tuple[str, ...]

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Retarget, print the report, write what is asked."""
+    """Retarget, print the report, write the requested files."""
     from .retargeted import FORMATS
     from .retargeting import retarget
 

@@ -19,13 +19,13 @@ WINDOW = 0.04
 """Time over which a speed is taken [s]: shorter, and the noise of markers ends rests."""
 
 SHORT = 0.06
-"""Rests and gaps shorter than this are none [s]."""
+"""Rests and gaps shorter than this are ignored [s]."""
 
 NEAR = 0.12
 """A hand or a knee this far above the ground rests on it, of a leg of one metre [m]; wrists and knees are not skin."""
 
 BESIDE = 0.6
-"""As far around a place where a foot stood the ground is as high as there, of a leg of one metre [m]."""
+"""Radius around a foothold within which the ground has its height, for a leg of one metre [m]."""
 
 LEVEL = 0.05
 """Heights that differ by less are one ground, of a leg of one metre [m]."""
@@ -86,7 +86,7 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
 
 
 def _rests(place: Mat, fps: float, leg: float) -> Mask:
-    """Where a point is slow, with hysteresis."""
+    """Mask of frames with a slow point, with hysteresis."""
     half = max(1, round(0.5 * WINDOW * fps))
     padded = np.pad(place, ((half, half), (0, 0)), mode="edge")
     speed = np.linalg.norm(padded[2 * half :] - padded[: -2 * half], axis=1) * fps / (2 * half)

@@ -18,8 +18,8 @@ JOINT_ORDER = "depth first"
 
 
 def as_npz(motion: Retargeted, path: Path) -> None:
-    """All there is: q, v, contacts, fps, names and their orders, base and joints apart, the person in robot size, what
-    hands and toes were off by and gave way to.
+    """All there is: q, v, contacts, fps, names and their orders, base and joints apart, the person in robot size,
+    errors of hands and toes with their causes.
     """
     position, quaternion = motion.base
     np.savez_compressed(
@@ -36,8 +36,8 @@ def as_npz(motion: Retargeted, path: Path) -> None:
 def as_csv(motion: Retargeted, path: Path) -> None:
     """A row a frame without a header: base x y z, quaternion xyzw, joints in the robot's order [m, rad].
 
-    That is how the retargeted LAFAN1 of Unitree is written, which BeyondMimic's csv_to_npz.py reads; the frame rate is
-    not in it.
+    The retargeted LAFAN1 of Unitree has this form, which BeyondMimic's csv_to_npz.py reads; the frame rate is not in
+    it.
     """
     np.savetxt(path, np.hstack((*motion.base, motion.angles)), delimiter=",", fmt="%.9g")
 

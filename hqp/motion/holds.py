@@ -27,7 +27,7 @@ class Plane(NamedTuple):
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def point(self, p: Vec) -> Vec:
-        """Where a point ``(3,)`` goes."""
+        """Destination of a point ``(3,)``."""
         c, s = math.cos(self.angle), math.sin(self.angle)
         (u, w), (dx, dy) = self.about, self.shift
         x, y = p[0] - u, p[1] - w
@@ -35,10 +35,10 @@ class Plane(NamedTuple):
 
 
 class Hold:
-    """The motion that takes a foot's target to where it stands; of one that has left, what is left of it.
+    """The motion that takes a foot's target to where it stands; after a foot leaves, its remaining offset.
 
-    frames: in so many it fades.  end: of the foot that is held, 1 the toe, -1 the heel, 0 for a foot in the air.
-    spot: where that is ``(2,)`` [m].
+    frames: in so many it fades.  end: support of the held foot, 1 the toe, -1 the heel, 0 for a foot in the air.  spot:
+    its place ``(2,)`` [m].
     """
 
     def __init__(self, frames: float) -> None:
@@ -65,7 +65,7 @@ class Hold:
 
     @property
     def motion(self) -> Plane | None:
-        """That of this frame."""
+        """Hold of this frame."""
         if self.plane is None:
             return None
         share = self._left * self._left * (3.0 - 2.0 * self._left)

@@ -1,4 +1,4 @@
-"""Which joint of a recorded skeleton is which part of a person, by its name."""
+"""Map the joints of a recorded skeleton to parts of a person, by name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .clip import Motion
 SIDES = ("left", "right")
 LIMBS = ("shoulder", "elbow", "hand", "hip", "knee", "ankle", "toe")
 PARTS = tuple(f"{side}_{limb}" for side in SIDES for limb in LIMBS)
-"""What a motion has to have."""
+"""Required parts of a motion."""
 
 NAMES: dict[str, tuple[str, ...]] = {
     "shoulder": ("arm", "upperarm", "uparm", "shoulder"),
@@ -46,7 +46,7 @@ def plain(name: str) -> tuple[str, str]:
 
 
 def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The joint of each of ``PARTS``; given: those that are not to be found by name.
+    """The joint of each of ``PARTS``; given: parts that cannot be found by name.
 
     Raises DeclarationError for a part without a joint, and for one that is given and not there.
     """

@@ -1,4 +1,4 @@
-"""What a retargeted motion is worth: errors, slide, penetration, self-collision, jerk, limits, frame by frame."""
+"""Quality of a retargeted motion: errors, slide, penetration, self-collision, jerk, limits, frame by frame."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ LEVEL = 2e-3
 
 @dataclass(frozen=True)
 class Measures:
-    """Of n frames.
+    """Figures of n frames.
 
     errors: by part, from target to robot ``(n,)`` [m, rad for torso, hips and soles].  slide: by side, speed along the
-    ground of what is down of the foot ``(n - 1,)`` [m/s], NaN where it does not stand.  penetration: of the deepest
-    point below the floor ``(n,)`` [m].  clearance: least distance of two links ``(n,)`` [m], inf for a robot without
-    shapes.  acceleration ``(n - 2,)``, jerk ``(n - 3,)``: of the fastest joint [rad/s^2, rad/s^3].  beyond: of joints
-    outside their limits ``(n,)`` [rad].  speed: fastest joint by its limit ``(n - 1,)``.
+    ground of the supporting part of the foot ``(n - 1,)`` [m/s], NaN while it does not stand.  penetration: depth of
+    the deepest point below the floor ``(n,)`` [m].  clearance: least distance of two links ``(n,)`` [m], inf for a
+    robot without shapes.  acceleration ``(n - 2,)``, jerk ``(n - 3,)``: figures of the fastest joint [rad/s^2,
+    rad/s^3].  beyond: excess of joints over their limits ``(n,)`` [rad].  speed: fastest joint by its limit ``(n -
+    1,)``.
     """
 
     errors: dict[str, Vec]
@@ -65,7 +66,7 @@ class Measures:
 
 
 def measure(robot: Robot, stacks: Stacks, targets: Targets, q: Mat, resting: dict[str, Mask] | None = None) -> Measures:
-    """Of configurations ``(n, nq)``, one for each frame of the targets."""
+    """Compute the figures of configurations ``(n, nq)``, one for each frame of the targets."""
     places, axes, angles, bodies = _walk(robot, stacks, q)
     errors = {name: _apart(places[name], targets.places[name]) for name in ("pelvis", *stacks.points)}
     for side, task in stacks.edges:

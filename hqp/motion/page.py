@@ -1,4 +1,4 @@
-"""The report of a retargeted motion as one page: figures, what was not met, pictures of the worst frames, curves."""
+"""The report of a retargeted motion as one page: figures, unmet targets, pictures of the worst frames, curves."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _shortfalls(motion: Retargeted) -> str:
 
 
 def _gave_way(motion: Retargeted) -> str:
-    """How long each hand and toe gave way to what, and how far off it was then at most."""
+    """Duration and largest error of each cause, for each hand and toe."""
     rows = ""
     for k, part in enumerate(PARTS):
         whom, error = motion.gave_way[:, k], motion.measures.errors[part]

@@ -16,7 +16,7 @@ from .joints import middle, parts_of
 from .smplx import from_parameters, has_parameters
 
 USUAL = {".bvh": "y", ".npz": "z"}
-"""Axis that is up in files of a kind, unless the person in them says otherwise."""
+"""Up axis of a file type, unless the person in the file shows another."""
 
 
 def read_motion(
@@ -29,9 +29,9 @@ def read_motion(
     """The motion in a file, z up.
 
     ``.bvh``; ``.npz`` with positions ``(T, J, 3)``, names ``(J,)`` and fps, or with parameters of SMPL-X as AMASS
-    stores them, for which ``body_model`` is the model's own file (.npz).  up: y or z where the file's axes are not told
-    by the person in it.  human: joints by part of the person, where their names do not tell (see ``SkeletonMap``).
-    Raises DeclarationError for a file of another kind, or one that lacks something.
+    stores them, for which ``body_model`` is the model's own file (.npz).  up: y or z if the person does not show the
+    file's axes.  human: joints by part of the person, if their names do not match (see ``SkeletonMap``).  Raises
+    DeclarationError for a file of another kind, or one that lacks something.
     """
     path = Path(path)
     kind = path.suffix.lower()

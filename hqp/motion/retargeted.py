@@ -1,4 +1,4 @@
-"""A robot's motion, and what it is worth."""
+"""Motion of a robot, and its quality."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ FORMATS = (".npz", ".csv", ".pkl")
 
 @dataclass(frozen=True)
 class Retargeted:
-    """What ``retarget`` gives.
+    """Result of ``retarget``.
 
-    q ``(T, nq)``, v ``(T, nv)``: configurations and velocities, frame by frame.  contacts ``(T, k)``: of the person, in
-    the order of contact_names.  fps [1/s].  person ``(T, J, 3)``: the joints of the person in the robot's size [m],
-    with their parents.  measures: frame by frame.  shortfalls: what was not met, when, and what it gave way to.
-    gave_way ``(T, 4)``: what left and right toe, left and right hand give way to, "" within 5 mm of their targets.
-    statuses: of the ticks, how many each.  time: of the solution, CPU [s].  scale: robot's metres to the motion's unit.
+    q ``(T, nq)``, v ``(T, nv)``: configurations and velocities, frame by frame.  contacts ``(T, k)``: contacts of the
+    person, in the order of contact_names.  fps [1/s].  person ``(T, J, 3)``: the joints of the person in the robot's
+    size [m], with their parents.  measures: frame by frame.  shortfalls: unmet targets, with time and cause.  gave_way
+    ``(T, 4)``: cause of each error of left and right toe, left and right hand, "" within 5 mm of their targets.
+    statuses: statuses of the ticks, with their number.  time: time of the solution, CPU [s].  scale: robot's metres to
+    the motion's unit.
     """
 
     robot: Robot

@@ -47,13 +47,12 @@ def retarget(
     moving feet > hands > tilt of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms
     and trunk by their own.
 
-    motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.
-    robot: with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for
-    None.  contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an .npz
-    with contacts (and contact_names).  fps: of the result, the motion's own for None.  collision: False leaves out
-    self-collision and links other than feet above the floor.
-    There is no clock in it: the same motion gives the same bits.
-    Raises DeclarationError and ModelError for what does not fit.
+    motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.  robot:
+    with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for None.
+    contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an.npz with
+    contacts (and contact_names).  fps: frame rate of the result, the motion's own for None.  collision: False leaves
+    out self-collision and links other than feet above the floor.  There is no clock in it: equal motions give equal
+    bits.  Raises DeclarationError and ModelError for a misfit.
     """
     robot = _loaded(robot)
     found = find_map(map, robot)

@@ -25,7 +25,8 @@ PERSON = (22, 104, 199)
 
 
 class Scrubber:
-    """The page of a motion, which plays until it is closed.  port: of the page, any for 0.  host: of the page."""
+    """The page of a motion, which plays until it is closed.  port: port of the page, any for 0.  host: host of the
+    page."""
 
     def __init__(self, motion: Retargeted, *, host: str = "127.0.0.1", port: int = 0, speed: float = 1.0) -> None:
         from hqp.viewer.description import describe_robot
@@ -40,7 +41,7 @@ class Scrubber:
         except ImportError as error:
             raise HqpError("the page needs viser and trimesh: pip install 'hqp[view]'") from error
         self.url = address(doors.host, self._server.get_port(), doors.token)
-        """Where the page is, with its token."""
+        """Address of the page, with its token."""
         self._drawn = DrawnRobot(self._server.scene, describe_robot(self._robot), self._robot)
         self._bones = _bones(motion)
         self._aside = np.array([0.0, BESIDE * float(np.ptp(motion.person[0, :, 2])), 0.0])

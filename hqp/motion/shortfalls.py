@@ -1,4 +1,4 @@
-"""What of a motion was not met, when, and what it gave way to."""
+"""Unmet targets of a motion, with time and cause."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OFF = 0.05
 """A hand or a foot further off than this is behind [m]."""
 
 NOTED = 5e-3
-"""Of a hand or a foot further off than this it is told, frame by frame, what it gives way to [m]."""
+"""Threshold for a hand or a foot: beyond it the cause is recorded, frame by frame [m]."""
 
 PARTS = ("left_toe", "right_toe", "left_hand", "right_hand")
 
@@ -36,7 +36,7 @@ Names = NDArray[np.str_]
 class Shortfall:
     """A part that was behind from frame ``first`` up to but not ``last``, most in frame ``worst`` by ``error`` [m].
 
-    reason: what it gave way to there.
+    reason: the cause there.
     """
 
     part: str
@@ -47,7 +47,7 @@ class Shortfall:
     reason: str
 
     def thinned(self, each: int) -> Shortfall:
-        """The same of every ``each``-th frame."""
+        """Causes of every ``each``-th frame."""
         first = self.first // each
         last = max(first + 1, math.ceil(self.last / each))
         return replace(self, first=first, last=last, worst=self.worst // each)
@@ -57,7 +57,7 @@ class Shortfall:
 
 
 def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tuple[Shortfall, ...]:
-    """Of the toes and hands; errors: by part and frame [m]."""
+    """For the toes and hands; errors: by part and frame [m]."""
     found = []
     gap = max(1, round(GAP / tracker.dt))
     for part in PARTS:
@@ -73,7 +73,7 @@ def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tupl
 
 
 def gave_way(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec], frames: Sequence[int]) -> Names:
-    """What each of ``PARTS`` gives way to in some frames ``(n, 4)``: an element or a cause, "" where on target."""
+    """Causes of ``PARTS`` in some frames ``(n, 4)``: an element or a cause, "" where on target."""
     told = [[""] * len(PARTS) for _ in frames]
     for row, frame in zip(told, frames, strict=True):
         late = [k for k, part in enumerate(PARTS) if errors[part][frame] > NOTED]
@@ -85,7 +85,7 @@ def gave_way(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec], frames: S
 
 
 def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:
-    """What held a part back in the tick that led to a frame, in words."""
+    """Constraints on a part in the tick that led to a frame, in words."""
     account = _account(tracker, q, v, frame)
     if part not in account.elements or account.met(part):
         return _to_whom(account, part)
@@ -94,7 +94,7 @@ def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:
 
 
 def _to_whom(account: TickAccount, part: str) -> str:
-    """What held a part back most, in a word."""
+    """Main constraint on a part, in a word."""
     if part not in account.elements:
         return OTHER_END
     losses = account.losses(part)
@@ -102,7 +102,7 @@ def _to_whom(account: TickAccount, part: str) -> str:
 
 
 def _account(tracker: Tracker, q: Mat, v: Mat, frame: int) -> TickAccount:
-    """Of the tick that leads to a frame."""
+    """Explanation of the tick that leads to a frame."""
     standing = tracker.standing(frame - 1)
     state = tracker.robot.state(q[frame - 1], v[frame - 1])
     state.commanded = v[frame - 1]

@@ -1,4 +1,4 @@
-"""Which frame of a robot stands for which part of a person."""
+"""Map the frames of a robot to parts of a person."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Offset = tuple[float, float, float]
 class SkeletonMap:
     """Names and offsets, no weights.
 
-    frames: of the robot, one for each of pelvis, torso, and left and right hip, knee, ankle, sole, shoulder, elbow and
-    hand.  A sole is a point of the foot that is on level ground at home.  offsets: by part, the point that is meant in
-    the frame's axes ``(3,)`` [m].  human: by part of the person (left_hip, left_toe, ...), the joint of the motion,
-    where its name does not tell.
-    Raises DeclarationError for parts that are missing or unknown, and offsets that are no three numbers.
+    frames: frames of the robot, one for each of pelvis, torso, and left and right hip, knee, ankle, sole, shoulder,
+    elbow and hand.  A sole is a point of the foot that is on level ground at home.  offsets: by part, the point that is
+    meant in the frame's axes ``(3,)`` [m].  human: by part of the person (left_hip, left_toe, ...), the joint of the
+    motion, if its name does not match.  Raises DeclarationError for parts that are missing or unknown, and offsets that
+    are no three numbers.
     """
 
     frames: Mapping[str, str]
@@ -61,7 +61,7 @@ class SkeletonMap:
         return self.offsets.get(part, (0.0, 0.0, 0.0))
 
     def fits(self, robot: Robot) -> bool:
-        """Whether the robot has all frames."""
+        """Return true if the robot has all frames."""
         return set(self.frames.values()) <= set(robot.frame_names)
 
     def check(self, robot: Robot) -> None:

@@ -15,15 +15,16 @@ from .joints import SIDES
 from .tracker import Pass, Tracker
 
 LIVELY = 6.0
-"""Joints, base, hands and moving feet keep what is below [Hz]; of a walking person that is nearly all (Winter 2009)."""
+"""Cutoff for joints, base, hands and moving feet [Hz]; it contains nearly all motion of a walking person (Winter
+2009)."""
 
 
 def smoothed(tracker: Tracker, found: Pass) -> Pass:
     """Track a pass once more, its configurations low-passed at ``LIVELY``.
 
-    What strict levels do where a limb is nearly straight, a limit is met or a foot comes down is as quick as a frame.
-    Filtered joints alone would let feet slide and links meet: limits, standing feet, then moving feet and hands come
-    before them.
+    Strict levels can change within a frame if a limb is nearly straight, a limit is met or a foot comes down. Filtered
+    joints alone would let feet slide and links meet: limits, standing feet, then moving feet and hands come before
+    them.
     """
     if len(found.q) <= EDGE:
         return found
@@ -56,7 +57,7 @@ class Course:
         self._told[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
 
     def heights(self, side: str, i: int) -> tuple[float, float]:
-        """Of toe and heel, in frame i of the pass before [m]."""
+        """Offsets of toe and heel, in frame i of the pass before [m]."""
         toe, heel = self._heights[side][i].tolist()
         return toe, heel
 

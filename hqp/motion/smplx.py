@@ -27,7 +27,7 @@ RATES = ("mocap_frame_rate", "mocap_framerate", "fps")
 
 
 def has_parameters(told: Mapping[str, Any]) -> bool:
-    """Whether a file holds parameters of a body model."""
+    """Return true if a file holds parameters of a body model."""
     return "trans" in told and ("poses" in told or ("root_orient" in told and "pose_body" in told))
 
 
@@ -35,8 +35,8 @@ def from_parameters(told: Mapping[str, Any], model: str | Path | None) -> Motion
     """Joint positions from parameters as AMASS and its users store them, z up.
 
     told: trans ``(T, 3)`` [m], poses ``(T, 3 k)``, k >= 22 (or root_orient ``(T, 3)`` and pose_body ``(T, 63)``),
-    rotation vectors [rad], betas, and the frame rate.  model: the body model's file, .npz.
-    Raises DeclarationError for a missing model or what does not fit.
+    rotation vectors [rad], betas, and the frame rate.  model: the body model's file,.npz.  Raises DeclarationError for
+    a missing model or a misfit.
     """
     if model is None:
         allowed = "body_model=PATH, --body-model PATH: SMPLX_NEUTRAL.npz, from https://smpl-x.is.tue.mpg.de"

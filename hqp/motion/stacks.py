@@ -21,10 +21,10 @@ from .joints import SIDES
 from .skeleton_map import SkeletonMap
 
 GAIN = 30.0
-"""With which what is left of an error of feet and hands is closed [1/s]; half of it in a period at most."""
+"""Rate at which errors of feet and hands decay [1/s]; half of it in a period at most."""
 
 BELOW = 10.0
-"""The same of trunk and limbs: what they lost to hands and feet they get back slowly [1/s]."""
+"""Rate for trunk and limbs: they recover slowly from deviations for hands and feet [1/s]."""
 
 POSTURE = 1.0
 """With which joints that nothing else moves go home [1/s]."""
@@ -155,7 +155,7 @@ class Stacks:
         return self._stack(self._levels(standing, turned=True))
 
     def closing(self, standing: Standing) -> Stack:
-        """That of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
+        """Rate of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
         levels = self._levels(standing)
         kept = {name: levels[name] for name in ("stance", "ground", "swing", "hands")}
         motion = Level(
@@ -168,7 +168,7 @@ class Stacks:
         return Stack(*declared, *below, subject_to=self._subject_to)
 
     def _levels(self, standing: Standing, *, turned: bool = False) -> dict[str, list[Any]]:
-        """Tasks by level, first the most important.  turned: whether feet that stand are turned as it suits."""
+        """Tasks by level, first the most important.  turned: true to adapt the yaw of standing feet."""
         stand, lines = {side for side, _ in standing}, [self.lines[side] for side, _ in standing]
         down = [self.down(side, end).name for side, end in standing]
         raised = [self.down(side, -end).name for side, end in standing]

@@ -1,4 +1,4 @@
-"""What the frames of a robot are to do: a person's motion in the robot's size."""
+"""Targets for the frames of a robot: a person's motion in the robot's size."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FLAT = 0.15
 """A foot that rests and is tilted by less is flat [rad]."""
 
 RAMP = 0.25
-"""In so long a hand comes from where its arm has it to what it touches [s]."""
+"""Duration of a hand's way from its arm's pose to its contact [s]."""
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -33,7 +33,7 @@ class Targets:
     """By part: places ``(T, 3)`` [m] of pelvis (half way between the hips), hands, elbows, knees and soles, axes
     ``(T, 3, 3)`` of torso, hips and soles.
 
-    contacts: of the person.  edge: what of a sole is down, 0 all of it, 1 the toe, -1 the heel ``(T,)``, by side.
+    contacts: contacts of the person.  edge: support of a sole, 0 all of it, 1 the toe, -1 the heel ``(T,)``, by side.
     scale: robot's metres to the motion's unit of length.  person ``(T, J, 3)``: its joints in the robot's size [m].
     """
 
@@ -104,7 +104,7 @@ def _length(joints: dict[str, Mat], side: str, one: str, two: str) -> Vec:
 
 
 def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
-    """Where the ankles are on the floor, below the start ``(3,)``."""
+    """Places of the ankles on the floor, below the start ``(3,)``."""
     heights = []
     for side in SIDES:
         ankle = joints[f"{side}_ankle"]
@@ -115,7 +115,7 @@ def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
 
 
 def _toe_height(low: dict[str, Mat], side: str) -> float:
-    """Of a toe above the floor where its ankle is near it [m]."""
+    """Height of a toe above the floor while its ankle is near it [m]."""
     ankle, toe = low[f"{side}_ankle"][:, 2], low[f"{side}_toe"][:, 2]
     return float(np.quantile(toe[ankle <= np.quantile(ankle, 0.3)], 0.1))
 
@@ -170,7 +170,7 @@ def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: f
 
 
 def _heading(way: Mat, trunk: Mat) -> Vec:
-    """Yaw of a foot; of one that points down or up, that of the trunk's side."""
+    """Yaw of a foot; a foot that points down or up has the yaw of the trunk."""
     flat = np.linalg.norm(way[:, :2], axis=1) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     forward = np.stack((trunk[:, 1, 1], -trunk[:, 0, 1]), axis=1)
     weight = np.clip((flat - 0.2) / 0.3, 0.0, 1.0)[:, None]

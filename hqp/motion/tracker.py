@@ -44,14 +44,14 @@ SETTLING, STILL = 3.0, 1e-3
 
 @dataclass
 class Pass:
-    """What a pass over some frames gave: q ``(n, nq)``, v ``(n, nv)``, and the statuses of its ticks."""
+    """Result of a pass over some frames: q ``(n, nq)``, v ``(n, nv)``, and the statuses of its ticks."""
 
     q: Mat
     v: Mat
     statuses: list[str]
 
     def reversed(self) -> Pass:
-        """The same frames the other way round."""
+        """Return the frames in reverse order."""
         return Pass(self.q[::-1], -self.v[::-1], self.statuses[::-1])
 
     def then(self, other: Pass) -> Pass:
@@ -96,7 +96,7 @@ class Tracker:
         self._resting = {side: targets.contacts.resting[f"{side}_foot"] for side in SIDES}
 
     def feet(self, i: int, j: int) -> dict[str, int]:
-        """What is down of the feet that stand from frame i to frame j: 0 the sole, 1 the toe, -1 the heel."""
+        """Support of the feet that stand from frame i to frame j: 0 the sole, 1 the toe, -1 the heel."""
         stand = (side for side in SIDES if self._resting[side][i] and self._resting[side][j])
         edges = {side: [int(self.targets.edge[side][k]) for k in (i, j)] for side in stand}
         return {side: here or there for side, (here, there) in edges.items()}
@@ -179,7 +179,7 @@ class Tracker:
         return Pass(np.array(qs), np.array(vs), statuses)
 
     def settle(self, q: Vec, frame: int) -> Vec:
-        """Where ticks at the targets of one frame, at rest, come to rest; after ``SETTLING`` at most."""
+        """Rest configuration of ticks at the targets of one frame, at rest; after ``SETTLING`` at most."""
         references, v = self.starting(frame), np.zeros(self.robot.nv)
         session = self._starting.of(self.standing(frame))
         for _ in range(math.ceil(SETTLING / self.dt)):
@@ -214,8 +214,8 @@ class Tracker:
     ) -> tuple[State, dict[str, Vec], str]:
         """The state one period later, with standing feet where they stand.
 
-        Joints that turn fast move a foot by more than the first order says.  By so much its reference is quicker, first
-        as in the tick before, ``bent`` by task, then as the tick itself came out.
+        Fast joint rotation moves a foot by more than the first order.  By so much its reference is quicker, first as in
+        the tick before, ``bent`` by task, then as the tick itself came out.
         """
         q, v, names = state.q, state.v, [task.name for task in spots]
         feet = {r.name: r for r in references if r.name in names}

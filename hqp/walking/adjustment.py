@@ -1,4 +1,4 @@
-"""Where and when a foot lands after a push: a step that meets the divergent component of motion as it is."""
+"""Step adjustment after a push: a step that meets the divergent component of motion as it is."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ MEETS = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Landing:
-    """What was planned, while a foot swings: the step, where the DCM is to be then, and the time left for it [s].
+    """Plan of a swing: the step, where the DCM is to be then, and the time left for it [s].
 
-    stance: the foot on the ground, where the plan has the ZMP.  offset: of the DCM from the foothold at the landing
-    ``(2,)`` [m].
+    stance: the foot on the ground, where the plan has the ZMP.  offset: offset of the DCM from the foothold at the
+    landing ``(2,)`` [m].
     """
 
     stance: Foothold
@@ -31,7 +31,7 @@ class Landing:
     left: float
 
     def dcm(self, omega: float, left: float) -> Vec:
-        """Of the plan, so long before the landing ``(2,)`` [m]."""
+        """DCM of the plan at this time before the landing ``(2,)`` [m]."""
         zmp = self.stance.xy
         return np.asarray(zmp + (self.foothold.xy + self.offset - zmp) * math.exp(-omega * left))
 
@@ -52,8 +52,8 @@ def adjust(
 ) -> tuple[Foothold, float]:
     """Foothold and time left with which the DCM is least off at the landing, then nearest to the planned ones.
 
-    error ``(2,)`` [m]: of the DCM from ``planned.dcm(omega, planned.left)``.  ankle ``(2,)`` [m]: how far the ZMP is
-    off that of the plan for it.  Where that leads the error back no step is needed; what it does not leaves
+    error ``(2,)`` [m]: error of the DCM against ``planned.dcm(omega, planned.left)``.  ankle ``(2,)`` [m]: displacement
+    of the ZMP from that of the plan.  If it reduces the error no step is needed; the remaining error is
 
         xi(L) = z + (xi - z) exp(omega L),   z the ZMP with the ankle's part,
 
@@ -61,14 +61,14 @@ def adjust(
 
         MEETS^2 |xi(L) - u - offset|^2 / reach^2 + |u - planned|^2 / reach^2 + (L - usual)^2 / period^2
 
-    is smallest (after Khadiv, Herzog, Moosavian, Righetti 2020, there as a quadratic programme).
-    now ``(2,)`` [m]: where the foot is, which goes no faster than ``speed`` [m/s].  soonest, latest: bounds of L,
-    usual: what it is without a push [s].  least [m]: an error at the landing that no step answers.
+    is smallest (after Khadiv, Herzog, Moosavian, Righetti 2020, there as a quadratic programme).  now ``(2,)`` [m]:
+    present place of the foot, which moves no faster than ``speed`` [m/s].  soonest, latest: bounds of L, usual: its
+    value without a push [s].  least [m]: an error at the landing that no step answers.
     """
     stance, nominal = planned.stance, planned.foothold
     turn, zmp = stance.turn, stance.xy
     both = zip((turn.T @ error).tolist(), (turn.T @ ankle).tolist(), strict=True)
-    # where the ZMP is beyond the DCM the ankle leads it back
+    # if the ZMP is beyond the DCM the ankle reduces the error
     axes = [(0.0, 0.0) if e * dz > 0.0 and abs(dz) >= abs(e) else (e, dz) for e, dz in both]
     grown = [dz + (e - dz) * math.exp(omega * planned.left) for e, dz in axes]
     size = math.hypot(*grown)

@@ -19,8 +19,8 @@ def largest_push(corners: ArrayLike, start: ArrayLike, direction: ArrayLike, sec
         xi = e start - (e - 1) p + (e - 1) / (omega^2 seconds) j u,     e = exp(omega seconds),
 
     p a mean of the ZMP, u the direction ``(2,)`` as a unit vector: the largest j for which p and xi are in the hull of
-    ``corners`` ``(m, 2)`` [m].  A CoM at one height, no angular momentum, feet that stay.
-    Raises DeclarationError for what is none of these, and for a start outside the hull (Koolen et al. 2012).
+    ``corners`` ``(m, 2)`` [m].  A CoM at one height, no angular momentum, feet that stay.  Raises DeclarationError for
+    invalid arguments and for a start outside the hull (Koolen et al. 2012).
     """
     from scipy.optimize import linprog
 

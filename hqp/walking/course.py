@@ -36,22 +36,22 @@ FALLEN = 0.7
 
 
 BANDWIDTH = 50.0
-"""Of the observers of legs [1/s]: a touch-down is seen within 6 ms, noise of encoders makes 4 N of a light leg."""
+"""Bandwidth of the observers of legs [1/s]: a touch-down is seen within 6 ms, noise of encoders makes 4 N of a light
+leg."""
 
 
 def observer(robot: Any, foot: Foot, period: float) -> MomentumObserver:
-    """Of the force at a sole by the torques of its leg."""
+    """Observer of the force at a sole from the torques of its leg."""
     return MomentumObserver(robot, foot.frame, leg_joints(robot, (foot,)), period, bandwidth=BANDWIDTH)
 
 
 class Course:
     """A walker, the plant that it moves and the estimator between; ``step`` is one tick of it.
 
-    sensors: of the plant; None for none at all: the walker is told the true state.  delay: of torques [s].
-    terrain: level, with mu 0.6, for None.  height: of the ground at the start [m].  offsets: what
-    encoders are off by ``(nq,)`` [rad].  servo: position servos in place of torque motors.
-    feels: whether feet have force sensors; else their loads are those of momentum observers of the legs.
-    edit, seed: as of Plant.
+    sensors: sensors of the plant; None for none at all: then the walker gets the true state.  delay: delay of torques
+    [s].  terrain: level, with mu 0.6, for None.  height: height of the ground at the start [m].  offsets: errors of the
+    encoders ``(nq,)`` [rad].  servo: position servos in place of torque motors.  feels: true if feet have force
+    sensors; else their loads are those of momentum observers of the legs.  edit, seed: arguments of Plant.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Course:
         if sensors is not None:
             self.estimator = FeetEstimator(robot, soles, walker.dt, q, least_load=LEAST * robot.mass)
         self.state: State = robot.state(q)
-        """What the walker was told last."""
+        """Latest state given to the walker."""
         self.observers = () if feels else tuple(observer(robot, foot, walker.dt) for foot in walker.feet)
         self._loads = np.full(2, 0.5 * walker.weight)
         self._sent = deque([np.zeros(len(self.plant.joint_names))] * round(delay / walker.dt))
@@ -121,7 +121,7 @@ class Course:
 
     @property
     def fallen(self) -> bool:
-        """Whether the CoM is far below where it is to be, above the lower foot."""
+        """True if the CoM is far below its desired height above the lower foot."""
         if not np.isfinite(self.plant.data.qpos).all():
             return True
         ground = min(self.plant.place(foot.frame)[0][2] for foot in self.walker.feet)

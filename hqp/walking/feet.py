@@ -48,13 +48,13 @@ class Foot:
         return x - X, x + X, y - Y, y + Y
 
     def placed(self, state: State) -> Foothold:
-        """Where it is."""
+        """Present foothold."""
         R, p = state.rotation(self.frame), state.position(self.frame)
         x, y, z = p + R @ [*self.middle, 0.0]
         return Foothold(self.side, float(x), float(y), float(z), yaw_of(R))
 
     def origin(self, xy: Vec, yaw: float) -> Vec:
-        """Where the frame is from above, with the middle at xy ``(2,)`` [m]."""
+        """Place of the frame from above, with the middle at xy ``(2,)`` [m]."""
         return np.asarray(xy - rotation(yaw) @ np.array(self.middle))
 
 

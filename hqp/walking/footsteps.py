@@ -1,4 +1,4 @@
-"""From a velocity to steps: where the next foot lands, and where it lands instead after a push."""
+"""From a velocity to steps: footholds, also after a push."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Foothold:
 
 @dataclass(frozen=True)
 class Command:
-    """The velocity asked for, in the axes of the robot's heading: forward, to the left [m/s], turning [rad/s]."""
+    """Requested velocity, in the axes of the robot's heading: forward, to the left [m/s], turning [rad/s]."""
 
     forward: float = 0.0
     left: float = 0.0
@@ -72,7 +72,7 @@ class Footsteps:
             raise DeclarationError("footsteps", "bad width", value=self.width, unit="m", allowed=allowed)
 
     def next(self, stance: Foothold, command: Command) -> Foothold:
-        """Where the other foot lands, at the height of the stance foot."""
+        """Next foothold, at the height of the stance foot."""
         side = 1 - stance.side
         out = 1.0 if side == LEFT else -1.0
         opens = command.turn * out > 0.0

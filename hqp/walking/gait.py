@@ -1,4 +1,4 @@
-"""How a robot walks: times, heights, and how far its feet reach."""
+"""Parameters of a walk: times, heights, and how far its feet reach."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def check(what: str, field: str, value: object, least: float, *, strict: bool = 
 class Gait:
     """Times and heights of a walk.
 
-    single, double: duration of single and of double support [s].  first: of the shift to the first stance foot, and of
-    the one back between the feet [s].  height: of a swing foot above the higher of lift-off and ground [m].
-    search: speed with which a foot that did not find the ground in time goes on downwards [m/s], for ``patience`` [s].
-    lower: how far the CoM is below where it is at home, as a share of its height, which keeps knees bent; less where
-    joints would bear too much (``standing``).
-    Raises DeclarationError for numbers that are not positive and finite (double, height, lower: not negative).
+    single, double: duration of single and of double support [s].  first: duration of the shift to the first stance
+    foot, and of the one back between the feet [s].  height: clearance of a swing foot above the higher of lift-off and
+    ground [m].  search: speed with which a foot that did not find the ground in time goes on downwards [m/s], for
+    ``patience`` [s].  lower: distance of the CoM below its height at home, as a share of that, which keeps knees bent;
+    less where joints would bear too much (``standing``).  Raises DeclarationError for numbers that are not positive and
+    finite (double, height, lower: not negative).
     """
 
     single: float = 0.6
@@ -46,13 +46,14 @@ class Gait:
 
     @property
     def period(self) -> float:
-        """Of one step [s]."""
+        """Period of one step [s]."""
         return self.single + self.double
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reach:
-    """Where a foot may land, seen from the other one: |x| <= forward, least <= |y| <= most [m], turned by |turn| [rad].
+    """Reachable landings of a foot, relative to the other one: |x| <= forward, least <= |y| <= most [m], turned by
+    |turn| [rad].
 
     y is positive where the left foot lands.  Raises DeclarationError for numbers that are negative or not finite, and
     for most below least.

@@ -17,13 +17,13 @@ STEP = {
     "q": (0.0, 0.0, 0.05),
     "e": (0.0, 0.0, -0.05),
 }
-"""What a press adds to the velocity [m/s, m/s, rad/s]."""
+"""Velocity increment of a key press [m/s, m/s, rad/s]."""
 
 MOST = (0.4, 0.1, 0.3)
 
 
 class Keys:
-    """Keys pressed in the terminal, read without waiting; where standard input is no terminal there are none."""
+    """Keys pressed in the terminal, read without waiting; if standard input is no terminal there are none."""
 
     def __init__(self) -> None:
         self.velocity = (0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from hqp.errors import DeclarationError
 from hqp.walking.gait import check
 
 GRAVITY = 9.81
-"""Of the Earth [m/s^2]."""
+"""Gravity of the Earth [m/s^2]."""
 
 
 def natural_frequency(height: float, gravity: float = GRAVITY) -> float:
@@ -46,8 +46,8 @@ class DcmPlan:
 
         xi(t) = p(t) + r / omega + (xi(T) - p(T) - r / omega) exp(-omega (T - t)),
 
-    backwards from the last piece, at whose end the DCM is on the ZMP: what follows it rests.
-    Raises DeclarationError for no piece, and for pieces that are not joined.
+    backwards from the last piece, at whose end the DCM is on the ZMP: there the pendulum rests. Raises DeclarationError
+    for no piece, and for pieces that are not joined.
     """
 
     def __init__(self, pieces: Sequence[Piece], omega: float) -> None:

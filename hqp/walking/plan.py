@@ -1,4 +1,4 @@
-"""A walk as a reference motion: where the robot's own model goes under the walker's torques, written as arrays."""
+"""A walk as a reference motion: the motion of the robot's own model under the walker's torques, written as arrays."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 class Walk:
     """Configurations ``(T, nq)``, velocities ``(T, nv)`` and contacts ``(T, 2)``, frame by frame.
 
-    q: base position [m], its quaternion xyzw, joints [rad].  v: of the base in its own axes [m/s, rad/s], joints
-    [rad/s].  contacts: whether the foot of that name stands.  fps [1/s].  joint_names: the order of what follows the
-    base, along each limb before the next.  phases: ``(T,)``, of the walker.
+    q: base position [m], its quaternion xyzw, joints [rad].  v: velocity of the base in its own axes [m/s, rad/s],
+    joints [rad/s].  contacts: true while the foot of that name stands.  fps [1/s].  joint_names: order of the entries
+    behind the base, along each limb before the next.  phases: ``(T,)``, of the walker.
     """
 
     robot: str
@@ -36,7 +36,7 @@ class Walk:
     fps: float
 
     def __str__(self) -> str:
-        """How long it is, and how often each foot lands."""
+        """Duration, and number of landings of each foot."""
         lands = np.sum(np.diff(np.asarray(self.contacts, dtype=int), axis=0) > 0, axis=0)
         feet = ", ".join(f"{name} foot {count}" for name, count in zip(self.contact_names, lands, strict=True))
         return f"{self.robot}: {len(self.q)} frames, {len(self.q) / self.fps:.1f} s; landings: {feet}"
@@ -55,7 +55,7 @@ class Walk:
 
 
 def predict(walker: Walker, seconds: float, fps: float) -> Walk:
-    """What a walker does in so long from its start, its model integrated: contacts hold, feet land at the ground.
+    """Integrate the walker's model from its start: contacts hold, feet land at the ground.
 
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
     """
@@ -63,7 +63,7 @@ def predict(walker: Walker, seconds: float, fps: float) -> Walk:
     check("plan", "fps", fps, 0.0, strict=True, unit="1/s")
     robot, gait, dt = walker.robot, walker.gait, walker.dt
     q, v = walker.start, np.zeros(robot.nv)
-    rest = 2.0 * gait.period + 2.0 * gait.first  # of the step under way, the last one and the way between the feet
+    rest = 2.0 * gait.period + 2.0 * gait.first  # the step under way, the last one and the way between the feet
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
     for k in range(round(seconds / dt) + 1):
         if walker.walking and walker.time > seconds - rest:

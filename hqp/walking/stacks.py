@@ -25,7 +25,7 @@ from hqp.tasks.polygons import shrunk
 from hqp.walking.feet import Foot, base_of, leg_joints
 
 BOTH = "both"
-"""The phase of two feet on the ground; that of one foot has its name."""
+"""The phase of two feet on the ground; the phase of one foot has its name."""
 
 EDGE = 0.005
 """The ZMP keeps this further from the edge of the support than the centres of pressure [m]."""
@@ -34,7 +34,8 @@ FIRM = 4.0
 """Weight of the balance beside trunk and swing foot: at 1 the foot of a long step pushes the body off its course."""
 
 HASTE = Price(0.03)
-"""A swing foot has half a second for its way: at the price that its gains ask for it lags behind while it lifts."""
+"""A swing foot has half a second for its way: its gains alone would set a price at which it lags behind while it
+lifts."""
 
 _BALANCE, _CONTACT = DCM(3.0), PD(0.0, 20.0)
 _HEIGHT, _SWING, _TRUNK, _POSTURE = PD(400.0, 40.0), PD(300.0, 35.0), PD(100.0, 20.0), PD(40.0, 13.0)
@@ -53,14 +54,13 @@ class Laws:
 
 
 class Stacks:
-    """The stack of a walk, whose phases say which feet stand: ``both``, ``left`` or ``right``.
+    """Stack of a walk, with phases by standing feet: ``both``, ``left`` or ``right``.
 
         swing, balance, height, trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
 
-    Where a sole or the friction bounds what these four ask, each gives way a little: in an order the last of them is
-    thrown about for the others' angular momentum.
-    height: of the pendulum [m].  friction: mu.  limits: of joints, without names of all but the legs', whose loads
-    know no limit of acceleration; None for none.
+    If a sole or the friction bounds these four, each yields a little: in an order the last of them is thrown about for
+    the others' angular momentum.  height: height of the pendulum [m].  friction: mu.  limits: limits of joints, without
+    names of all but the legs', whose loads need unlimited acceleration; None for none.
     """
 
     def __init__(

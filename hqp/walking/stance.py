@@ -1,4 +1,4 @@
-"""How a biped stands before it walks: on level soles, its CoM above their middle, knees bent as far as they bear it."""
+"""Start pose of a biped: on level soles, its CoM above their middle, knees bent as far as they bear it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hqp.declare.robot import State
 
 BENT = 0.1
-"""Legs start this much inside their limits [rad]: a straight knee does not tell which way it bends."""
+"""Legs start this much inside their limits [rad]: a straight knee has no direction of bending."""
 
 SPARE = 0.02
 """Legs can stretch so much more, a share of the CoM's height."""
@@ -28,16 +28,16 @@ HARD, RELIEVED = 0.7, 0.05
 """On one foot no joint bears more than this share of its largest torque, where legs longer by SPARE relieve it."""
 
 LOWER = 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0, 2.0, 3.0, 4.0
-"""What is tried, times ``lower``: less where knees are weak, more where they are straight at home."""
+"""Candidates, times ``lower``: less where knees are weak, more where they are straight at home."""
 
 
 def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:
     """The configuration ``(nq,)`` nearest to home with the CoM above the middle of level soles, and lower.
 
-    Soles keep their place from above and come to the height z = 0 of the ground, the base keeps its orientation.
-    lower: of the CoM, a share of its height at home above the soles; less where standing on one foot takes more than
-    HARD of a joint's torque, more where knees are straight at home.
-    Raises DeclarationError where no such configuration is found.
+    Soles keep their place from above and come to the height z = 0 of the ground, the base keeps its orientation. lower:
+    lowering of the CoM, a share of its height at home above the soles; less where standing on one foot takes more than
+    HARD of a joint's torque, more where knees are straight at home. Raises DeclarationError where no such configuration
+    is found.
     """
     stance = Stance(robot, feet)
     stiff = None
@@ -93,7 +93,7 @@ class Stance:
         return np.asarray(found.q) if found.success else None
 
     def weak(self, foot: Foot, lower: float) -> bool:
-        """Whether a joint bears much, alone on a foot, that longer legs would relieve it of."""
+        """Return true if a joint is highly loaded, alone on a foot, and longer legs would relieve it."""
         low, tall = (self.on((foot,), x) for x in (lower, lower - SPARE))
         if low is None or tall is None:
             return False

@@ -28,7 +28,7 @@ State = tuple[float, float, float]
 
 
 def quintic(start: State, goal: float, duration: float, after: float, rate: float = 0.0) -> State:
-    """Where, how fast, how much faster ``after`` [s] on the quintic from ``start`` to (goal, rate, 0).
+    """Position, velocity and acceleration ``after`` [s] on the quintic from ``start`` to (goal, rate, 0).
 
     after is at most duration [s].
     """
@@ -48,9 +48,9 @@ class Swing:
     """Position and yaw of a foot from lift-off to touch-down: each tick a polynomial from where it is to its goal.
 
     start, goal: (x, y, z, yaw) ``(4,)`` [m, rad].  duration [s].  height: above the higher of start and goal [m].
-    search: speed downwards at the goal, which grows after it, until ``depth`` below it [m/s, m].
-    The path is twice continuously differentiable while the goal stays where it is; with a goal that moves
-    (``retarget``) position, velocity and acceleration go on from what they were.  Raises DeclarationError for fields.
+    search: speed downwards at the goal, which grows after it, until ``depth`` below it [m/s, m].  The path is twice
+    continuously differentiable while the goal stays where it is; if the goal moves (``retarget``), position, velocity
+    and acceleration stay continuous.  Raises DeclarationError for fields.
     """
 
     def __init__(

@@ -35,10 +35,11 @@ EARLY = 0.55
 """It does not before this share of the time of its swing."""
 
 LATE = 0.015
-"""When its time is up this share tells it: a light foot whose toe has met a slope pushes with no more (AHEAD)."""
+"""After its time is up, this share of the load confirms a landing: a light foot whose toe has met a slope pushes with
+no more (AHEAD)."""
 
 FADE = 0.08
-"""What torques would jump by at a switch of phase goes in so long for a joint's largest torque [s]."""
+"""Fade time of a torque jump at a switch of phase, for a joint's largest torque [s]."""
 
 TAKE = 0.06
 """A foot's share of the load goes from nothing to all in no less than this [s]."""
@@ -47,7 +48,7 @@ INTEGRAL, MOST = 0.5, 0.03
 """[1/s] of the error of the DCM in the ZMP, and its largest sum [m s]."""
 
 LEAST = 0.015
-"""Steps are corrected by what is more than this [m]."""
+"""Steps correct only larger errors [m]."""
 
 CLEAR = 0.02
 """Between two soles side by side [m]."""
@@ -56,8 +57,8 @@ CORRECTION, CREEPS = 1.5, 0.2
 """The goal of a swing foot moves no faster, and shortly before it lands [m/s]: a sole that slides in holds nothing."""
 
 LAST, LONGEST, HURRY = 0.08, 1.6, 3.0
-"""The time of a landing is not moved when so little is left [s], nor beyond this share of a swing's time; by how many
-seconds a second it may be."""
+"""The time of a landing is not moved when so little is left [s], nor beyond this share of a swing's time; limit of its
+rate of change, in seconds per second."""
 
 AHEAD = 0.02
 """A swing foot that something holds back pushes no harder than its gains make of so much [m]."""
@@ -75,14 +76,14 @@ LIMITS = JointLimits(acceleration=1000.0, braking=200.0)
 
 
 class Walker:
-    """Walks where ``go`` says, stands where ``stop`` does; ``step`` is one tick.
+    """Walks after ``go``, stands after ``stop``; ``step`` is one tick.
 
     robot: a biped with a free base, that starts standing on both feet; with ``load(name, rotors=True)`` it knows the
-    inertia that its motors have in a Plant, without which light feet are controlled badly.  dt [s]: of a tick.
-    gait, reach, laws: how it walks; a reach for None follows from how it stands.  soles: frames of the left and the
-    right sole, those of the catalogue for None.  friction: mu of the ground.  limits: of joints, of all but those of
-    the legs where it names none, None for none.  price, deadline: as of Controller.
-    Raises DeclarationError for a robot that is no biped, and what ``Controller.session`` raises.
+    inertia that its motors have in a Plant, without which light feet are controlled badly.  dt [s]: period of a tick.
+    gait, reach, laws: parameters of the walk; a reach for None follows from how it stands.  soles: frames of the left
+    and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of joints, of all
+    but those of the legs if it names none, None for none.  price, deadline: arguments of Controller.  Raises
+    DeclarationError for a robot that is no biped, and the errors of ``Controller.session``.
     """
 
     def __init__(
@@ -104,12 +105,12 @@ class Walker:
         self._declared |= {"friction": friction, "limits": limits, "price": price}
         self.feet = feet_of(robot, soles)
         self.start = standing(robot, self.feet, self.gait.lower)
-        """How it stands before it walks ``(nq,)``; it may start from elsewhere."""
+        """Standing configuration before the walk ``(nq,)``; it may start from elsewhere."""
         home = robot.copy().state(self.start)
         self.holds = [foot.placed(home) for foot in self.feet]
-        """Where the feet stand, or stood last."""
+        """Present or last footholds."""
         self.height = float(home.com()[2]) - 0.5 * (self.holds[0].z + self.holds[1].z)
-        """Of the CoM above the ground [m]."""
+        """Height of the CoM above the ground [m]."""
         self.omega = natural_frequency(self.height, -robot.gravity[2])
         self.weight = -float(robot.mass * robot.gravity[2])
         """[N]"""
@@ -129,22 +130,22 @@ class Walker:
         self._upright = np.array(home.rotation(self.stacks.trunk.frame))
         self._upright = about_vertical(-yaw_of(self._upright)) @ self._upright
         self.support = BOTH
-        """The phase of the stack: which feet stand."""
+        """The phase of the stack: names of the standing feet."""
         self.command = Command()
         self.walking = False
         self.phase = "stand"
         """stand, shift (both feet, the ZMP on its way to the next stance foot) or swing."""
         self.event = ""
-        """What began in this tick: a phase, "" for nothing."""
+        """Event of this tick: a phase, "" for nothing."""
         self.time = 0.0
         self.stance = RIGHT
         self.edge = False
-        """Whether the support bounds the ZMP in this tick."""
+        """True if the support bounds the ZMP in this tick."""
         self.capture_point: Vec = np.zeros(2)
         self._left = 0
         self._started = False
         self.heavier = 1.0
-        """How heavy the robot is beside its model, by the loads of its feet."""
+        """Weight of the robot over that of its model, by the loads of its feet."""
         self._limit = robot.effort_limit[robot.actuated]
         self._fading = self._limit * dt / FADE
         self._rest: Vec = np.zeros(len(self._limit))
@@ -198,11 +199,11 @@ class Walker:
     def positions(self, state: State, tick: Tick, kp: Vec, delay: float = 0.0) -> tuple[Vec, Vec]:
         """Joint angles and rates for position servos in place of the torques ``tick.command``, ``(n_actuated,)`` each.
 
-        Servos with torque = kp (angle - q) + kv (rate - dq/dt): where the model is in the middle of the period in which
-        they act, and ahead of that by what the torque takes, q + s v + s^2 a / 2 + tau / kp, so that tau is their mean.
-        A stiff servo that is aimed sooner or later acts as a damper of the wrong size or sign.
-        state: of the tick.  kp [N m/rad].  delay: from the state to where they begin to act [s], s = delay + dt / 2.
-        Raises as ``Tick.advance``.
+        Servos with torque = kp (angle - q) + kv (rate - dq/dt): the target is the model's pose in the middle of the
+        period in which they act, plus an offset for the torque, q + s v + s^2 a / 2 + tau / kp, so that tau is their
+        mean.  A stiff servo that is aimed sooner or later acts as a damper of the wrong size or sign.  state: state of
+        the tick.  kp [N m/rad].  delay: from the state to where they begin to act [s], s = delay + dt / 2.  Raises as
+        ``Tick.advance``.
         """
         _, v = tick.advance()
         motors, s = self.robot.actuated, delay + 0.5 * self.dt
@@ -221,7 +222,7 @@ class Walker:
         self._sent = command.copy()
 
     def _weigh(self, load: float) -> None:
-        """A robot heavier than its model needs so much more torque: the mean of what its feet bear tells it."""
+        """A robot heavier than its model needs so much more torque: estimate it by the mean load of the feet."""
         share = load / self.weight
         if abs(share - 1.0) < 0.5:  # no blow, no flight, no switch
             follow = self.dt / min(max(self.time, self.dt), WEIGHING)
@@ -274,7 +275,7 @@ class Walker:
         self.phase, self.event, self._t, self._T = phase, phase, 0.0, duration
         self.support = self.feet[self.stance].name if phase == "swing" else BOTH
         if phase == "swing":
-            self.holds[self.stance] = self.feet[self.stance].placed(state)  # on what it has settled
+            self.holds[self.stance] = self.feet[self.stance].placed(state)  # after it has settled
             foot = self.feet[1 - self.stance]
             p, yaw = state.position(foot.frame), yaw_of(state.rotation(foot.frame))
             self._nominal = self._target = self.footsteps.next(self.holds[self.stance], self.command)
@@ -351,7 +352,7 @@ class Walker:
         return found
 
     def _height(self, com: float) -> float:
-        """Of the CoM in the world, moving no faster than it may, more by what it has been too low [m]."""
+        """Height of the CoM in the world, at bounded speed, raised by its recent deficit [m]."""
         holds = self.holds
         ground = holds[self.stance].z if self.phase == "swing" else 0.5 * (holds[0].z + holds[1].z)
         most = 0.05 * self.height * self.dt
@@ -360,7 +361,7 @@ class Walker:
         return self._z + self._raised
 
     def _next_yaw(self) -> float:
-        """Of the trunk: between the feet, with a swing foot where it is to be [rad]."""
+        """Yaw of the trunk: between the feet, with a swing foot where it is to be [rad]."""
         most = 0.8 * self.dt
         off = math.remainder(self._mean_yaw() - self._yaw, math.tau)
         self._yaw += min(max(off, -most), most)
@@ -372,7 +373,8 @@ class Walker:
         return one + 0.5 * math.remainder(other - one, math.tau)
 
     def _next_share(self, zmp: Vec) -> float:
-        """Of the right foot: by where the ZMP is between the feet, at the end of a shift all on the stance foot."""
+        """Share of the right foot: by where the ZMP is between the feet, at the end of a shift all on the stance
+        foot."""
         one, other = self.holds
         x, y = other.x - one.x, other.y - one.y
         along = (float(zmp[0]) - one.x) * x + (float(zmp[1]) - one.y) * y

@@ -1,4 +1,4 @@
-"""The same stack and scenarios through pink, mink, placo and tsid, each in an environment of its own."""
+"""Run a stack and scenarios through pink, mink, placo and tsid, each in its own environment."""
 
 from __future__ import annotations
 

@@ -32,13 +32,13 @@ from .scenes import SCENES, Scene, scene
 from .table import Line, RivalTable, line
 
 EXACT, TORQUE = "hqp, price 0", "hqp, torques"
-"""The exact problem without calm; what stands beside tsid, which solves for accelerations and forces too."""
+"""The exact problem without calm; compare it with tsid, which solves for accelerations and forces too."""
 
 SOLE = (-0.1, 0.1, -0.05, 0.05)
 """Rectangle of a foot [m]."""
 
 SAME = 1e-5
-"""How far another library's centre of mass may be from ours before it is another robot [m]."""
+"""Allowed difference of the centre of mass in another library; beyond it the robot differs [m]."""
 
 
 def compare_rivals(
@@ -54,9 +54,9 @@ def compare_rivals(
 ) -> RivalTable:
     """Run a stack in closed loop with hqp and with rivals, each in its own environment, which is made where needed.
 
-    Levels become weights where a library has none: costs 100, 10, 1, ... of tasks, hard constraints where it has them.
-    The first scene is run in ``rounds`` turns of all libraries; its times are those of the round with the least median.
-    Raises UnsupportedProblem for a stack with elements that rivals are not given, HqpError where one cannot be
+    Levels become weights where a library has none: costs 100, 10, 1, ... for tasks, and hard constraints if it supports
+    them. The first scene is run in ``rounds`` turns of all libraries; its times are those of the round with the least
+    median. Raises UnsupportedProblem for a stack with elements that rivals are not given, HqpError where one cannot be
     installed or its robot is another.
     """
     made = [scene(name, robot, stack) for name in scenes]
@@ -83,7 +83,7 @@ def compare_rivals(
 
 
 def _best(found: list[Line]) -> list[Line]:
-    """Of several rounds of a scene the one with the least median."""
+    """Return the round of a scene with the least median."""
     kept: dict[tuple[str, str], Line] = {}
     for one in found:
         key = one.library, one.scene
@@ -128,7 +128,7 @@ def _torque_stack(stack: Stack) -> Stack:
 
 
 def _motion(s: Scene, seconds: float) -> Trajectory:
-    """The scene's trajectory with the values of what is held elsewhere."""
+    """Trajectory of the scene with the values of frames that are held elsewhere."""
     base = Trajectory(s.motion, s.stack, s.robot, seconds)
 
     def values(t: float) -> dict[str, Any]:
@@ -152,8 +152,8 @@ def _theirs(name: str, python: Path, folder: Path, scenes: Sequence[Scene], seco
 
 @dataclass(frozen=True)
 class Answer:
-    """What a rival did in a scene: q ``(n, nq)``, v ``(n, nv)`` in our coordinates, wall ``(n,)`` [us], ticks without
-    an answer ``(n,)``, and what it said of the first of them."""
+    """Result of a rival in a scene: q ``(n, nq)``, v ``(n, nv)`` in our coordinates, wall ``(n,)`` [us], ticks without
+    an answer ``(n,)``, and the message of the first of them."""
 
     q: Mat
     v: Mat

@@ -14,13 +14,13 @@ RIVALS: dict[str, tuple[str, ...]] = {
     "pink": ("pin-pink==4.4.0", "qpsolvers[daqp]", "daqp"),
     "mink": ("mink==1.3.0", "qpsolvers[daqp]", "daqp"),
     "placo": ("placo==0.10.2",),
-    "tsid": ("tsid==1.7.1", "pin==3.4.0", "cmeel-urdfdom<5", "cmeel-tinyxml2<11"),  # what the wheel was built with
+    "tsid": ("tsid==1.7.1", "pin==3.4.0", "cmeel-urdfdom<5", "cmeel-tinyxml2<11"),  # versions of the wheel's build
 }
-"""What is installed for each."""
+"""Packages of each rival."""
 
 
 def folder() -> Path:
-    """Where the environments are kept: HQP_RIVALS, or hqp/rivals in the user's cache."""
+    """Folder of the environments: HQP_RIVALS, or hqp/rivals in the user's cache."""
     given = os.environ.get("HQP_RIVALS")
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return Path(given) if given else cache / "hqp" / "rivals"

@@ -38,7 +38,7 @@ class Plain:
 
 
 def plain(stack: Stack) -> list[Plain]:
-    """Tasks of a stack; raises UnsupportedProblem for what rivals are not given."""
+    """Tasks of a stack; raises UnsupportedProblem for elements without a counterpart in rivals."""
     found, soft = [], 0
     for element in stack.subject_to:
         if element.equality:

@@ -1,4 +1,4 @@
-"""What every library is put through: the ordinary day, and what goes wrong on the others."""
+"""Scenes for every library: an ordinary one, and one for each fault."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCENES = {
 """Scenes in order, in words."""
 
 ROOM = 0.05
-"""Of each joint in the scene ``limit`` [rad]."""
+"""Range of each joint in the scene ``limit`` [rad]."""
 
 
 @dataclass(frozen=True)

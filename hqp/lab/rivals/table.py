@@ -1,4 +1,4 @@
-"""What the comparison with rivals returns: speed, and how each behaves in every scene."""
+"""Results of the comparison with rivals: speed, and how each behaves in every scene."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Line:
     """A library in a scene.
 
     jump: largest change of a joint's speed in a tick [rad/s]; rate: its p99 over the period [rad/s^2].  off: largest
-    distance from a target at the end [m].  drift: of a contact, at most [m, rad].  over, over_end: a joint's range, at
-    most and at the end [rad].
-    speeding: a joint's speed limit [rad/s].  failed: ticks without a usable answer, in which the robot stood still.
+    distance from a target at the end [m].  drift: motion of a contact, at most [m, rad].  over, over_end: a joint's
+    range, at most and at the end [rad].  speeding: a joint's speed limit [rad/s].  failed: ticks without a usable
+    answer, in which the robot stood still.
     """
 
     library: str
@@ -72,7 +72,7 @@ def line(
 
 @dataclass(frozen=True)
 class RivalTable:
-    """Lines by library and scene; ``markdown()`` is what the README shows, ``json()`` everything."""
+    """Lines by library and scene; ``markdown()`` is the text of the README, ``json()`` has all data."""
 
     manifest: dict[str, Any]
     lines: tuple[Line, ...]
@@ -123,7 +123,7 @@ class RivalTable:
         return header, tuple(body)
 
     def markdown(self) -> str:
-        """Both tables, how they were made, and on what."""
+        """Both tables, with method and machine."""
         m = self.manifest
         stack = m["stack"].replace("|", "\\|").replace("\n", "  \n")
         scenes = "\n".join(f"- *{name}*: {text}" for name, text in m["scenes"].items())

@@ -16,7 +16,7 @@ from hqp.errors import ModelError
 def urdf(robot: Any, frames: Iterable[str]) -> str:
     """The joints and inertias of a robot, and the frames named; the base of a floating robot is the root link.
 
-    Raises ModelError for joints that URDF has not: of several axes, below the base.
+    Raises ModelError for joints that URDF has not: joints with several axes, below the base.
     """
     model = robot.model
     root = ElementTree.Element("robot", name="robot")

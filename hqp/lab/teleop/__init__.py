@@ -1,4 +1,4 @@
-"""Teleoperation, measured: what an operator feels of hqp and of other libraries."""
+"""Teleoperation, measured: Measure teleoperation with hqp and other libraries."""
 
 from __future__ import annotations
 

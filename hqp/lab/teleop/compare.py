@@ -42,8 +42,8 @@ def compare_teleop(
     """Follow an operator's hand with hqp, and with rivals as their users do: the latest packet, to be met in one tick.
 
     hqp takes the packets through ``Follow``, with the law that the stack has.  Each rival runs twice, without and with
-    exponential smoothing of 60 ms.  Raises UnsupportedProblem for a stack without a hand or with what rivals are not
-    given, HqpError where a rival cannot be installed.
+    exponential smoothing of 60 ms.  Raises UnsupportedProblem for a stack without a hand or with elements without a
+    counterpart in rivals, HqpError if a rival cannot be installed.
     """
     made = [family(name, robot, stack) for name in families]
     lines: list[Felt] = []

@@ -1,4 +1,4 @@
-"""What operators do, and what networks make of it: six families of hand motion as packets."""
+"""Motions of operators and faults of networks: six families of hand motion as packets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FAMILIES = {
 """Scenes in order, in words."""
 
 SECONDS = 5.0
-"""Of each scene."""
+"""Duration of each scene."""
 
 EASE = 1.0
 """A motion that goes on for ever begins within this time [s]."""
@@ -40,8 +40,8 @@ EASE = 1.0
 class Family:
     """A motion of the operator's hand, and its packets.
 
-    shift: by how much the hand is away from where it begins at a time, ``(3,)`` [m].  lost, wrong: whether a packet of
-    that number and time gets lost, or is half a metre off.
+    shift: displacement of the hand from its start at a time, ``(3,)`` [m].  lost, wrong: true if the packet with that
+    number and time is lost, or is half a metre off.
     """
 
     name: str
@@ -80,7 +80,7 @@ def sine(t: float) -> Vec:
 
 
 def hand_of(stack: Stack) -> Task:
-    """The first position or pose below ``subject_to``; raises UnsupportedProblem where there is none."""
+    """The first position or pose below ``subject_to``; raises UnsupportedProblem if there is none."""
     for level in stack.levels:
         for element in level:
             if isinstance(element, (Position, Pose)):

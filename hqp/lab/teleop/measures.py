@@ -1,4 +1,4 @@
-"""What an operator would feel of a run: from states, speeds and failures alone, the same for every library."""
+"""Quality of teleoperation: from states, speeds and failures alone, the same for every library."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ LONGEST = 0.3
 class Felt:
     """A library in a scene.
 
-    jerk: RMS of the worst joint [rad/s^3].  lag [ms]: of the hand behind the operator's; NaN where that makes
-    no motion to compare.  frozen: share of ticks without an answer, or in which the robot stands still for 0.1 s or
-    longer while its hand is 1 cm off.  high: share of the power of joint accelerations above 3 Hz.  jump: largest
-    change of a joint's speed in a tick [rad/s].  off: distance at the end [m].
+    jerk: RMS of the worst joint [rad/s^3].  lag [ms]: delay of the hand behind the operator's; NaN where that makes no
+    motion to compare.  frozen: share of ticks without an answer, or in which the robot stands still for 0.1 s or longer
+    while its hand is 1 cm off.  high: share of the power of joint accelerations above 3 Hz.  jump: largest change of a
+    joint's speed in a tick [rad/s].  off: distance at the end [m].
     """
 
     library: str
@@ -54,7 +54,7 @@ def felt(
 
 
 def long(found: Mask, least: int) -> Mask:
-    """Those of a sequence that are in a row of at least so many."""
+    """Mask of the entries in a run of at least that length."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], found, [False]))))
     kept = np.zeros_like(found)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):

@@ -1,4 +1,4 @@
-"""What the comparison of teleoperation returns."""
+"""Results of the teleoperation comparison."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class TeleopTable:
         )  # fmt: skip
 
     def markdown(self) -> str:
-        """The table, how it was made, and on what."""
+        """The table, with method and machine."""
         m = self.manifest
         stack = m["stack"].replace("|", "\\|").replace("\n", "  \n")
         scenes = "\n".join(f"- *{name}*: {text}" for name, text in m["families"].items())

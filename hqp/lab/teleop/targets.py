@@ -1,4 +1,4 @@
-"""What a library without a source of references is given each tick: the latest packet, as it is or smoothed."""
+"""Targets of a library without a source of references: the latest packet, as it is or smoothed."""
 
 from __future__ import annotations
 

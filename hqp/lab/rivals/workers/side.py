@@ -1,8 +1,8 @@
 """The loop in a rival's own environment, where hqp is not installed: times, states, failures of every scene.
 
 A rival is a class made of a scene, with ``aim(name, values)``, ``prepare()``, ``solve()``, ``advance()``, ``base()``,
-``angles()``, ``speeds()`` and ``com()``.  Timed are new targets and the solve with what it needs of the kinematics;
-``prepare`` is what makes the task the same for all, and is not timed.
+``angles()``, ``speeds()`` and ``com()``.  The timed part is setting new targets and the solve with its kinematics;
+``prepare`` makes the task equal for all, and is not timed.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def weighed(task, dt):
 
 
 def cost(level, weight):
-    """Levels by weight: 100, 10, 1, ... as costs, which the objective squares."""
+    """Levels by weight: 100, 10, 1, ... costs, which the objective squares."""
     return weight * 10.0 ** (2 - level)
 
 

@@ -78,7 +78,7 @@ class Placo:
             self.tasks[name] = (task, kind, t, value.reshape(4, 4) if kind == "pose" else value.reshape(3, 3))
 
     def prepare(self):
-        """What is asked of this step: the share gain dt of the way, so that the law is the one of the others."""
+        """Set the target of this step: the share gain dt of the way, so that the law is the one of the others."""
         robot = self.robot
         for task, kind, t, goal in self.tasks.values():
             share = min(1.0, t["gain"] * self.dt)
