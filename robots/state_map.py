@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from hqp.angles import wrapped
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import JointNotFound, ModelError
 
@@ -150,7 +151,7 @@ class StateMap:
         for name, (i, a, j, b) in self.wheels.items():
             axle, ball = self.axles[name], qpos[a : a + 4]
             angle = 2.0 * math.atan2(axle @ ball[1:], ball[0])
-            q[i] = math.remainder(angle, 2.0 * math.pi)
+            q[i] = wrapped(angle)
             turning = np.empty(3)
             mujoco.mju_rotVecQuat(turning, qvel[b : b + 3], ball)
             v[j] = axle @ turning

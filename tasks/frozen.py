@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from hqp.angles import all_wrapped
 from hqp.arrays import Index, Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Inequality
@@ -74,7 +74,7 @@ class Frozen(Inequality):
         picked = self.selection(state.robot)
         e = state.angles[picked] - (state.angles[picked] if places is None else places)
         turning = np.isin(picked, state.robot.continuous)
-        return np.where(turning, e - math.tau * np.rint(e / math.tau), e)
+        return np.where(turning, all_wrapped(e), e)
 
     def step_bounds(self, state: State, dt: float, order: int, places: Vec | None = None) -> tuple[Vec, Vec]:
         """(x_j, x_j) ``(k,)``."""

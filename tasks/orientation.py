@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from hqp.angles import all_wrapped
 from hqp.arrays import Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Task, Unit
@@ -75,7 +75,7 @@ class Orientation(Task):
         """log(R R_ref^T) ``(3,)``, or the angles minus theirs, wrapped, ``(k,)`` [rad]."""
         if self.axes is None:
             return state.robot.log3(self.value(state) @ reference.T)
-        return np.array([math.remainder(e, math.tau) for e in (self.value(state) - reference).tolist()])
+        return all_wrapped(self.value(state) - reference)
 
     def jacobian(self, state: State) -> Mat:
         """J ``(m, nv)`` of the angular velocity, or of the angles."""

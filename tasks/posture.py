@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from hqp.angles import all_wrapped
 from hqp.arrays import Index, Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Task, Unit
@@ -63,7 +63,7 @@ class Posture(Task):
             return robot.difference(robot.configuration(angles), state.q)[picked]
         error: Vec = value - reference
         turns = _turning(state.robot, self.selection(state.robot))
-        error[turns] -= math.tau * np.rint(error[turns] / math.tau)
+        error[turns] = all_wrapped(error[turns])
         return error
 
     def jacobian(self, state: State) -> Mat:

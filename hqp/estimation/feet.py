@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hqp.angles import wrapped
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
@@ -101,7 +102,7 @@ class FeetEstimator:
         shares = self._hold(self._stand(load, places, yaws), rates, places, yaws)
         if any(shares):
             terms = zip(shares, self._anchor_yaw, yaws, strict=True)
-            R = about_vertical(self._yaw * sum(w * math.remainder(a - b, math.tau) for w, a, b in terms)) @ R
+            R = about_vertical(self._yaw * sum(w * wrapped(a - b) for w, a, b in terms)) @ R
             weight = np.array(shares)
             self._v += self._velocity * (-(weight @ rates) - self._v)
             self._p += self._position * (weight @ (self._anchor - places) - self._p)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hqp.angles import all_wrapped
 from hqp.arrays import Mask, Mat, Vec
 from hqp.declare.element import Task
 from hqp.errors import DeclarationError
@@ -37,7 +38,7 @@ class Space:
         """The difference ``(k,)`` that leads from ``other`` to ``value``."""
         if self.first is None:
             difference: Vec = value - other
-            return np.array([math.remainder(d, math.tau) for d in difference.tolist()]) if self.wraps else difference
+            return all_wrapped(difference) if self.wraps else difference
         one, two = value.tolist(), other.tolist()
         turn = _log(_between(one, two))
         if self.first == 0:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hqp.angles import wrapped
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.walking.gait import Reach, check
@@ -92,7 +93,7 @@ class Footsteps:
                 out * min(max(out * aside, reach.least), reach.most),
             ]
         )
-        turn = min(max(foothold.yaw - stance.yaw, -reach.turn), reach.turn)
+        turn = min(max(wrapped(foothold.yaw - stance.yaw), -reach.turn), reach.turn)
         x, y = stance.xy + stance.turn @ held
         return replace(foothold, x=float(x), y=float(y), yaw=stance.yaw + turn)
 

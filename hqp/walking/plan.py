@@ -14,6 +14,7 @@ from hqp.walking.gait import check
 
 if TYPE_CHECKING:
     from hqp.declare.robot import State
+    from hqp.loop.tick import Tick
     from hqp.walking.walker import Walker
 
 
@@ -71,16 +72,21 @@ def predict(walker: Walker, seconds: float, fps: float) -> Walk:
         if k * dt >= len(frames) / fps - 1e-9:
             swings = walker.phase == "swing"
             frames.append((q, v, tuple(not (swings and side != walker.stance) for side in (0, 1)), walker.phase))
-        state = robot.state(q, v)
-        tick = walker.step(state, _loads(walker, state))
-        landed = walker.event in ("shift", "stand") and k > 0
-        q, v = walker.session.program.advance(state, tick.x)
-        if landed:
-            v = _stopped(walker, state, v)
+        q, v, _ = advance(walker, q, v)
     where, rates, contacts, phases = zip(*frames, strict=True)
     names = robot.joint_names
     contact_names = tuple(foot.name for foot in walker.feet)
     return Walk(robot.name, np.array(where), np.array(rates), np.array(contacts), phases, names, contact_names, fps)
+
+
+def advance(walker: Walker, q: Vec, v: Vec) -> tuple[Vec, Vec, Tick]:
+    """One tick of a walker and its own model under it: (q, v) after it, and the tick."""
+    state, first = walker.robot.state(q, v), walker.time == 0.0
+    tick = walker.step(state, _loads(walker, state))
+    q, v = walker.session.program.advance(state, tick.x)
+    if walker.event in ("shift", "stand") and not first:
+        v = _stopped(walker, state, v)
+    return q, v, tick
 
 
 def _stopped(walker: Walker, state: State, v: Vec) -> Vec:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from hqp.angles import wrapped
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
 from hqp.walking.gait import check
@@ -48,9 +49,10 @@ class Swing:
     """Position and yaw of a foot from lift-off to touch-down: each tick a polynomial from where it is to its goal.
 
     start, goal: (x, y, z, yaw) ``(4,)`` [m, rad].  duration [s].  height: above the higher of start and goal [m].
-    search: speed downwards at the goal, which grows after it, until ``depth`` below it [m/s, m].  The path is twice
-    continuously differentiable while the goal stays where it is; if the goal moves (``retarget``), position, velocity
-    and acceleration stay continuous.  Raises DeclarationError for fields.
+    search: speed downwards at the goal, which grows after it, until ``depth`` below it [m/s, m].  The foot takes the
+    shorter turn to the yaw of its goal.  The path is twice continuously differentiable while the goal stays where it
+    is; if the goal moves (``retarget``), position, velocity and acceleration stay continuous.
+    Raises DeclarationError for fields.
     """
 
     def __init__(
@@ -61,19 +63,26 @@ class Swing:
         check("swing", "search", search, 0.0, unit="m/s")
         check("swing", "depth", depth, 0.0, unit="m")
         self.x = _four("start", start)
-        self.goal = _four("goal", goal)
+        self.goal = self._seen("goal", goal, self.x)
         self.v, self.a = np.zeros(4), np.zeros(4)
         self.duration, self.time, self.search, self.depth = duration, 0.0, search, depth
         self._moved = -FOLLOWS
         self._top = max(float(self.x[2]), float(self.goal[2])) + height
 
     def retarget(self, goal: Vec, fastest: float, dt: float) -> None:
-        """Move the goal ``(4,)`` towards another one, by at most ``fastest`` dt [m/s, rad/s] each."""
+        """Move the goal ``(4,)`` towards another one, over ground, up and in yaw by at most ``fastest`` dt each."""
         most = fastest * dt
-        pairs = zip(self.goal.tolist(), _four("goal", goal).tolist(), strict=True)
-        moved = [before + min(max(to - before, -most), most) for before, to in pairs]
-        if moved != self.goal.tolist():
-            self.goal, self._moved = np.array(moved), self.time
+        off = self._seen("goal", goal, self.goal) - self.goal
+        if off.any():
+            off[:2] = within(off[:2], most)
+            self.goal, self._moved = self.goal + np.append(off[:2], off[2:].clip(-most, most)), self.time
+
+    @staticmethod
+    def _seen(what: str, given: Vec, before: Vec) -> Vec:
+        """Checked, with the yaw within half a turn of that of ``before``."""
+        found = _four(what, given)
+        found[3] = before[3] + wrapped(float(found[3] - before[3]))
+        return found
 
     @property
     def left(self) -> float:
@@ -105,6 +114,12 @@ class Swing:
         z, v = (goal, -self.search) if left > 0.0 else now[:2]
         z, lowest = z + v * late - 0.5 * HASTENS * late * late, goal - self.depth
         return (z, v - HASTENS * late, -HASTENS) if z > lowest else (lowest, 0.0, 0.0)
+
+
+def within(x: Vec, length: float) -> Vec:
+    """The vector, shortened to a length: bounds by axis would know the heading."""
+    size = math.hypot(*x.tolist())
+    return x if size <= length else x * (length / size)
 
 
 def _four(what: str, given: Vec) -> Vec:

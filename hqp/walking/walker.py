@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hqp.angles import wrapped
 from hqp.arrays import Vec
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
@@ -26,7 +27,7 @@ from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequenc
 from hqp.walking.plan import Walk, predict
 from hqp.walking.stacks import BOTH, Laws, Stacks
 from hqp.walking.stance import standing
-from hqp.walking.swing import Swing
+from hqp.walking.swing import Swing, within
 
 TOUCH = 0.05
 """A swing foot that bears this share of the weight has landed."""
@@ -339,7 +340,7 @@ class Walker:
         reached, wanted = stacks.supports[self.support].zmp(state, reference)
         self.edge = math.dist(reached, wanted) > 1e-6
         if not self.edge or float(error @ self._sum) < 0.0:
-            self._sum = (self._sum + self.dt * omega * error).clip(-MOST, MOST)
+            self._sum = within(self._sum + self.dt * omega * error, MOST)
         found = [
             stacks.balance.at(reference[:2], reference[2:]),
             stacks.height.at([self._height(float(state.com()[2]))]),
@@ -363,14 +364,14 @@ class Walker:
     def _next_yaw(self) -> float:
         """Yaw of the trunk: between the feet, with a swing foot where it is to be [rad]."""
         most = 0.8 * self.dt
-        off = math.remainder(self._mean_yaw() - self._yaw, math.tau)
+        off = wrapped(self._mean_yaw() - self._yaw)
         self._yaw += min(max(off, -most), most)
         return self._yaw
 
     def _mean_yaw(self) -> float:
         one = self.holds[self.stance].yaw
         other = self._target.yaw if self.phase == "swing" else self.holds[1 - self.stance].yaw
-        return one + 0.5 * math.remainder(other - one, math.tau)
+        return one + 0.5 * wrapped(other - one)
 
     def _next_share(self, zmp: Vec) -> float:
         """Share of the right foot: by where the ZMP is between the feet, at the end of a shift all on the stance
@@ -414,10 +415,9 @@ class Walker:
         if self._t > SOONEST:
             self._adjust(error, pushed)
         path, v, a = self._swing.step(self.dt)
-        x, y, z, yaw = path.tolist()
-        here = state.position(self.feet[side].frame).tolist()
-        most = here[0] + AHEAD, here[1] + AHEAD, math.inf
-        x, y, z = (min(max(p, at - AHEAD), top) for p, at, top in zip((x, y, z), here, most, strict=True))
+        yaw, here = path.tolist()[3], state.position(self.feet[side].frame)
+        x, y = (here[:2] + within(path[:2] - here[:2], AHEAD)).tolist()
+        z = max(float(path[2]), float(here[2]) - AHEAD)
         self._swing.x[:3] = x, y, z
         z -= self._sunk[side] * min(1.0, self._t / (0.3 * self._T))
         target = np.eye(4)

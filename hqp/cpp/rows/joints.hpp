@@ -31,7 +31,7 @@ class Posture final : public Operation {
     constexpr double kTurn = 6.283185307179586476925;
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const double off = joints_.angle(i, q) - out_.reference[i];
-      out_.error[i] = joints_.continuous[i] ? off - kTurn * std::rint(off / kTurn) : off;
+      out_.error[i] = joints_.continuous[i] ? std::remainder(off, kTurn) : off;
     }
   }
   bool hold(const double* q, const double*, double* value) override { return joints_.hold(q, value); }
@@ -95,7 +95,7 @@ class Frozen final : public Operation {  // joints that stay where they were
     constexpr double kTurn = 6.283185307179586476925;
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       double e = joints_.angle(i, q) - out_.reference[i];
-      if (joints_.continuous[i]) e -= kTurn * std::rint(e / kTurn);
+      if (joints_.continuous[i]) e = std::remainder(e, kTurn);
       const double u = v[joints_.columns[i]];
       const double x =
           order_ == 1 ? u + clip(-rate_ * e - u, most_ * dt_) : clip(-rate_ * (rate_ * e + 2.0 * u), most_);
