@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hqp.lab import bench
     from hqp.motion import retarget
     from hqp.problem.certify import Certificate, certificate
+    from hqp.solvers.levels import solve_levels
     from hqp.solvers.many import solve_many
     from hqp.teleoperation import Follow
     from hqp.torque import Torque
@@ -87,6 +88,7 @@ __all__ = [
     "serial",
     "shapes",
     "solve_ik",
+    "solve_levels",
     "solve_many",
     "solvers",
     "sweep",
@@ -113,6 +115,7 @@ _ELSEWHERE = {
     "reach": "goals",
     "retarget": "motion",
     "solve_ik": "goals",
+    "solve_levels": "solvers.levels",
     "solve_many": "solvers.many",
     "view": "viewer",
 }

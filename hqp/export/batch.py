@@ -6,11 +6,12 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hqp import dlpack
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.notes import STATUSES
@@ -41,7 +42,7 @@ class BatchTick:
     @property
     def solved(self) -> NDArray[np.bool_]:
         """Where the answer is the optimum, ``(count,)``."""
-        return np.isin(self.status, [k for k, status in enumerate(STATUSES) if status.solved])
+        return np.isin(dlpack.numbers(self.status), [k for k, status in enumerate(STATUSES) if status.solved])
 
     def statuses(self) -> tuple[Status, ...]:
         """Those of the worlds, by name."""
@@ -80,6 +81,7 @@ class Batch:
             raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number, 0 or above")
         try:
             self._native = native.Batch(file, int(count), int(threads))
+            self._one = native.Session(file)  # it moves configurations
         except (native.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
         self.count, self.threads = int(count), self._native.threads
@@ -90,20 +92,24 @@ class Batch:
         """Memory of all worlds."""
         return self._native.bytes
 
-    def step(self, Q: Mat, V: Mat | None = None, targets: Targets | None = None) -> BatchTick:
+    def step(self, Q: Any, V: Any = None, targets: Targets | None = None) -> BatchTick:
         """One tick of all worlds for states Q ``(count, nq)`` and V ``(count, nv)``, zero for None.
 
         targets: values of the elements' references, ``(count, ...)``, for this step; elements without one are held.
+        If Q is a torch tensor, so are the parts of the tick, which share memory with arrays of this step (DLPack).
         Data never raises: a world's fault is its own status.  Raises DeclarationError for a shape or an unknown name.
         """
+        like = dlpack.first_foreign(Q, V)
         told: list[tuple[str, int, Mat]] = []
         for name, target in (targets or {}).items():
             parts: Sequence[ArrayLike] = target if isinstance(target, tuple) else (target,)
             for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
-                values = np.ascontiguousarray(part, dtype=np.float64)
+                values = np.ascontiguousarray(dlpack.numbers(part), dtype=np.float64)
                 told.append((name, what, values.reshape(values.shape[0] if values.ndim else 1, -1)))
-        at = np.ascontiguousarray(Q, dtype=np.float64)
-        speed = np.zeros((self.count, self.nv)) if V is None else np.ascontiguousarray(V, dtype=np.float64)
+        at = np.ascontiguousarray(dlpack.numbers(Q), dtype=np.float64)
+        speed = (
+            np.zeros((self.count, self.nv)) if V is None else np.ascontiguousarray(dlpack.numbers(V), dtype=np.float64)
+        )
         commands, x, residuals = (np.empty((self.count, size)) for size in self._native.sizes)
         status = np.empty(self.count, dtype=np.int32)
         try:
@@ -114,7 +120,22 @@ class Batch:
             if at.shape != (self.count, self.nq) or speed.shape != (self.count, self.nv):
                 raise self._refused(at, speed) from None
             raise DeclarationError("Batch", str(error)) from None
-        return BatchTick(commands, x, residuals, status)
+        return BatchTick(*(dlpack.returned(part, like) for part in (commands, x, residuals, status)))
+
+    def advance(self, Q: Any, V: Any, dt: float | None = None) -> Any:
+        """Move Q ``(count, nq)`` with V ``(count, nv)`` for dt [s], the period of the plan for None.
+
+        At velocity level V is ``tick.x[:, :nv]``; at acceleration level it is ``V + dt * tick.x[:, :nv]``.  Raises
+        DeclarationError for a wrong shape.
+        """
+        at, speed = (np.ascontiguousarray(dlpack.numbers(given), dtype=np.float64) for given in (Q, V))
+        if at.shape != (self.count, self.nq) or speed.shape != (self.count, self.nv):
+            raise self._refused(at, speed)
+        moved = np.empty_like(at)
+        period = self._one.dt if dt is None else float(dt)
+        for q, v, out in zip(at, speed, moved, strict=True):
+            self._one.integrate(q, v, period, out)
+        return dlpack.returned(moved, dlpack.first_foreign(Q, V))
 
     def _refused(self, at: Mat, speed: Mat) -> DeclarationError:
         allowed = f"Q ({self.count}, {self.nq}), V ({self.count}, {self.nv})"
@@ -128,7 +149,7 @@ class Batch:
         chosen = np.arange(self.count)
         if worlds is not None:
             try:
-                chosen = np.atleast_1d(chosen[np.asarray(worlds)])
+                chosen = np.atleast_1d(chosen[np.asarray(dlpack.numbers(worlds))])
             except IndexError:
                 raise DeclarationError("Batch", "worlds", value=worlds, allowed=f"0 to {self.count - 1}") from None
         for world in chosen.tolist():

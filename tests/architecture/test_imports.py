@@ -24,7 +24,7 @@ BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadp
 FLOORS = (
     {"errors", "markdown", "tolerances"},
     {"arrays", "collision_library", "native", "sweep", "web"},
-    {"angles", "floating_base", "problem", "shapes"},
+    {"angles", "dlpack", "floating_base", "problem", "shapes"},
     {"solvers"},
     {"declare"},
     {"estimation", "programs", "sequence", "tasks"},

@@ -123,3 +123,33 @@ def test_no_world_is_late() -> None:
     ]
     assert found[0].solved.all()
     np.testing.assert_array_equal(found[0].x, found[1].x)
+
+
+def test_worlds_advance_as_the_robot_does() -> None:
+    session, _ = scene("g1", "velocity")
+    robot, rng = session.robot, np.random.default_rng(4)
+    batch = hqp.Batch(session.controller, robot, 5, session.dt)
+    Q = np.array([robot.integrate(robot.home, rng.uniform(-0.3, 0.3, robot.nv), 1.0) for _ in range(5)])
+    V = batch.step(Q).x[:, : robot.nv] + rng.normal(size=(5, robot.nv))
+    for dt, period in ((None, session.dt), (0.05, 0.05)):
+        moved = batch.advance(Q, V, dt)
+        for q, v, found in zip(Q, V, moved, strict=True):
+            np.testing.assert_allclose(found, robot.integrate(q, v, period), atol=1e-12)
+    with pytest.raises(DeclarationError, match="wrong shape"):
+        batch.advance(Q[:3], V[:3])
+
+
+def test_tensors_in_and_out() -> None:
+    torch = pytest.importorskip("torch", reason="an environment of make test-environments has it")
+    session, _ = scene("ur5", "velocity")
+    robot, goal = session.robot, np.array([0.3, 0.2, 0.4])
+    arrays, tensors = (hqp.Batch(session.controller, robot, 3, session.dt) for _ in range(2))
+    Q = np.tile(robot.home, (3, 1))
+    same = arrays.step(Q, None, {"hand": np.tile(goal, (3, 1))})
+    tick = tensors.step(torch.tensor(Q), None, {"hand": torch.tensor(goal).repeat(3, 1)})
+    assert torch.is_tensor(tick.commands)
+    np.testing.assert_array_equal(tick.commands.numpy(), same.commands)
+    assert tick.solved.all()
+    assert tick.statuses() == same.statuses()
+    np.testing.assert_array_equal(tensors.advance(torch.tensor(Q), tick.x).numpy(), arrays.advance(Q, same.x))
+    tensors.reset(torch.tensor([True, False, True]))
