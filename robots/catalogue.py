@@ -32,7 +32,7 @@ _DATA = "example-robot-data"
 
 
 def load(
-    source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool = False,
+    source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool | float = False,
     srdf: str | Path | None = None,
 ) -> Robot:  # fmt: skip
     """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
@@ -40,7 +40,7 @@ def load(
     floating: whether the base is free to move.  None takes what the catalogue says of a name, what an MJCF or a
     pinocchio.Model itself says, and for any other URDF a fixed base, unless the file has a floating joint at its root.
     rotors: give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an
-    MJCF brings its own).
+    MJCF brings its own); a number [kg m^2] is that of every motor whose file gives none.
     srdf: of a URDF path; None takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become
     ``robot.configurations``; pairs of links that it disables are left out of ``CollisionAvoidance()``.
     Raises ModelError where nothing of that name is found (with the closest names) or a file cannot be read,
@@ -57,10 +57,10 @@ def load(
     if not isinstance(source, (str, Path)):
         raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
     if str(source) in _OWN:
-        return _own(str(source), floating is not False, rotors)
+        return _own(str(source), floating is not False, rotors is not False)
     robot = _named(str(source), floating, name, srdf)
     if rotors and robot.source is not None and robot.source.suffix == ".urdf":
-        for joint, inertia in rotor_inertia(robot).items():
+        for joint, inertia in rotor_inertia(robot, None if rotors is True else float(rotors)).items():
             robot.model.armature[robot.model.joints[robot.model.getJointId(joint)].idx_v] = inertia
     return robot
 

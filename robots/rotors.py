@@ -15,11 +15,11 @@ FREE = 5000.0
 """What a motor at its effort limit accelerates its own rotor by, at most [rad/s^2]: weak motors have less inertia."""
 
 
-def rotor_inertia(robot: Any) -> dict[str, float]:
+def rotor_inertia(robot: Any, missing: float | None = None) -> dict[str, float]:
     """Armature of each actuated turning joint, by name [kg m^2]: the model's where it has one, else a guess of it.
 
-    The guess is min(0.01, effort limit / 5000).  With none a foot weighs next to nothing seen from its ankle, and
-    what a motor does in a step of a simulation turns it by tens of rad/s.
+    missing: of joints without one; None guesses min(0.01, effort limit / 5000).  With none a foot weighs next to
+    nothing seen from its ankle, and what a motor does in a step of a simulation turns it by tens of rad/s.
     """
     model = getattr(robot, "model", robot)
     given: Vec = np.asarray(model.armature)
@@ -29,5 +29,6 @@ def rotor_inertia(robot: Any) -> dict[str, float]:
         turns = any(kind in joint.shortname() for kind in ("JointModelR", "JointModelH")) and joint.nv == 1
         if turns:
             own, limit = float(given[joint.idx_v]), float(effort[joint.idx_v])
-            found[str(name)] = own if own > 0.0 else min(ROTOR, limit / FREE) if limit > 0.0 else ROTOR
+            guess = min(ROTOR, limit / FREE) if limit > 0.0 else ROTOR
+            found[str(name)] = own if own > 0.0 else guess if missing is None else missing
     return found

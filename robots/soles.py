@@ -15,6 +15,12 @@ from .geometry import points
 SOLE = 4e-3
 """Points of the foot at most this far above its lowest one are its sole [m]."""
 
+SIDE_BY_SIDE = 0.03
+"""The lowest shapes of two feet differ by at most this at home [m]."""
+
+UPRIGHT = np.deg2rad(3.0)
+"""A frame turned by less against the base at home is that of a sole."""
+
 Corners = tuple[tuple[float, float], ...]
 
 
@@ -73,3 +79,61 @@ def _area(corners: list[Any], k: int) -> float:
     """Of the triangle of a corner and its neighbours [m^2]."""
     o, a, b = corners[k - 1], corners[k], corners[(k + 1) % len(corners)]
     return 0.5 * abs(float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])))
+
+
+def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
+    """Find the two feet of a floating robot at home: the lowest collision shapes of two links, the left one first.
+
+    Ahead is the x axis of the base, as REP 103 has it; name the soles of a robot whose base is turned.
+
+    Returns the robot and the frames of both soles.  A frame of the link whose z is up at home is taken; where there is
+    none, the robot returned has one more, ``LINK_sole``: x ahead, z up.
+    Raises ModelError for a robot whose lowest shapes are not those of two links side by side.
+    """
+    base = robot.state(robot.home).rotation(_body(robot, 1))  # and places every joint
+    lowest: dict[int, float] = {}
+    for item in robot.geometry.geometryObjects:
+        joint = int(item.parentJoint)
+        if joint > 1:
+            low = float(_placed_in_world(robot, item)[:, 2].min())
+            lowest[joint] = min(low, lowest.get(joint, np.inf))
+    first = min(lowest, key=lowest.__getitem__, default=0)
+    rest = [j for j in lowest if j not in robot.model.supports[first] and first not in robot.model.supports[j]]
+    second = min(rest, key=lowest.__getitem__, default=0)
+    level = [j for j in rest if lowest[j] <= lowest[first] + SIDE_BY_SIDE]
+    more = [j for j in level if j not in robot.model.supports[second] and second not in robot.model.supports[j]]
+    if len(level) < 1 or more:
+        names = ", ".join(robot.model.names[j] for j in (first, *level)) or "none"
+        raise ModelError(
+            f"{robot.name}: joints with the lowest collision shapes at home: {names}; "
+            "needed one joint on each side: name the soles"
+        )
+    left, right = sorted((first, second), key=lambda j: -float(robot.data.oMi[j].translation @ base[:, 1]))
+    robot, left_sole = _level_frame(robot, left, base)
+    robot, right_sole = _level_frame(robot, right, base)
+    return robot, (left_sole, right_sole)
+
+
+def _placed_in_world(robot: Any, item: Any) -> Mat:
+    cloud, radius = points(item.geometry)
+    at = robot.data.oMi[item.parentJoint] * item.placement
+    placed: Mat = np.asarray(cloud) @ at.rotation.T + at.translation
+    return placed - [0.0, 0.0, radius]
+
+
+def _body(robot: Any, joint: int) -> str:
+    """The first body that a joint moves."""
+    moved = (f for f in robot.model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY)
+    return str(next(moved).name)
+
+
+def _level_frame(robot: Any, joint: int, base: Mat) -> tuple[Any, str]:
+    """A frame of a joint whose z is up and x ahead at home, made anew where there is none."""
+    state = robot.state(robot.home)
+    for frame in robot.model.frames:
+        fixed = frame.parentJoint == joint and frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+        if fixed and np.trace(base.T @ state.rotation(frame.name)) > 1.0 + 2.0 * np.cos(UPRIGHT):
+            return robot, str(frame.name)
+    body = _body(robot, joint)
+    turn = pin.SE3(state.rotation(body).T @ base, np.zeros(3))
+    return robot.with_frame(f"{body}_sole", body, turn), f"{body}_sole"

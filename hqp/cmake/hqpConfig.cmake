@@ -1,6 +1,7 @@
 # hqp as C++: find_package(hqp) gives hqp::session, a session from a plan's file (#include <session.hpp>), and
-# hqp::kernel, the solver alone and header-only (#include <lexicographic.hpp>). Both are built with the project that
-# asks for them: cmake -Dhqp_DIR=$(hqp --cmake-dir) ...
+# hqp::kernel, the solver alone and header-only (#include <lexicographic.hpp>): cmake -Dhqp_DIR=$(hqp --cmake-dir) ...
+# An installed package has hqp::session compiled, static; hqp::session_shared is the shared library. A checkout, another
+# processor and -Dhqp_FROM_SOURCE=ON compile hqp::session with the project, a minute of a processor.
 get_filename_component(hqp_CPP_DIR "${CMAKE_CURRENT_LIST_DIR}/../cpp" ABSOLUTE)
 if(NOT EXISTS "${hqp_CPP_DIR}/solver/lexicographic.hpp")
   set(hqp_FOUND FALSE)
@@ -14,6 +15,21 @@ if(NOT TARGET hqp::kernel)
     INTERFACE_COMPILE_FEATURES cxx_std_17)
   # the name of the kernel's namespace for one instruction set; compile with -mavx2 -mfma for the fast one
   set_property(TARGET hqp::kernel PROPERTY INTERFACE_COMPILE_DEFINITIONS HQP_ISA=library)
+endif()
+option(hqp_FROM_SOURCE "Compile hqp::session with this project instead of linking the package's library" OFF)
+get_filename_component(hqp_LIB_DIR "${CMAKE_CURRENT_LIST_DIR}/../lib" ABSOLUTE)
+set(hqp_STATIC "${hqp_LIB_DIR}/libhqp_session.a")
+set(hqp_SHARED "${hqp_LIB_DIR}/libhqp_session${CMAKE_SHARED_LIBRARY_SUFFIX}")
+if(NOT TARGET hqp::session AND EXISTS "${hqp_STATIC}" AND NOT hqp_FROM_SOURCE AND NOT CMAKE_CROSSCOMPILING)
+  add_library(hqp::session STATIC IMPORTED)
+  set_target_properties(hqp::session PROPERTIES IMPORTED_LOCATION "${hqp_STATIC}")
+  add_library(hqp::session_shared SHARED IMPORTED)
+  set_target_properties(hqp::session_shared PROPERTIES IMPORTED_LOCATION "${hqp_SHARED}")
+  foreach(kind IN ITEMS session session_shared)
+    set_target_properties(hqp::${kind} PROPERTIES
+      INTERFACE_INCLUDE_DIRECTORIES "${hqp_CPP_DIR}/session"
+      INTERFACE_COMPILE_FEATURES cxx_std_17)
+  endforeach()
 endif()
 if(NOT TARGET hqp::session)
   # What computes is built once for every machine, and on x86-64 once more with AVX2: the machine chooses.

@@ -23,9 +23,9 @@ def add_stack(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dt", type=float, default=0.002, metavar="S", help="control period [s], default 0.002")
 
 
-def add_robot(parser: argparse.ArgumentParser, name: str, **given: bool) -> None:
+def add_robot(parser: argparse.ArgumentParser, name: str, **given: Any) -> None:
     """A robot under the name of an argument, ``robot`` or ``--robot``, and whether its base is free."""
-    parser.add_argument(name, metavar="ROBOT", help="a name from `hqp robots`, a URDF or MJCF file", **given)  # type: ignore[arg-type]
+    parser.add_argument(name, metavar="ROBOT", help="a name from `hqp robots`, a URDF or MJCF file", **given)
     base = parser.add_mutually_exclusive_group()
     base.add_argument("--floating", action="store_true", default=None, help="a free base; default: as in the file")
     base.add_argument(
@@ -38,11 +38,11 @@ def add_robot(parser: argparse.ArgumentParser, name: str, **given: bool) -> None
     )
 
 
-def read_robot(arguments: argparse.Namespace) -> Robot:
+def read_robot(arguments: argparse.Namespace, rotors: bool | float = False) -> Robot:
     """The robot that the arguments name; raises HqpError for what does not load."""
     from hqp import robots
 
-    robot = robots.load(arguments.robot, floating=arguments.floating)
+    robot = robots.load(arguments.robot, floating=arguments.floating, rotors=rotors)
     if arguments.home:
         robot.set_home(robot.configuration(_angles(arguments.home, robot)))
     return robot

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hqp.commands.arguments import add_robot, read_robot
 from hqp.walking.keys import HELP as KEYS
 from hqp.walking.keys import Keys
 
@@ -25,7 +26,16 @@ STAND = 1.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    parser.add_argument("--robot", default="talos", metavar="ROBOT", help="a name from `hqp robots`; default talos")
+    add_robot(parser, "--robot", default="talos")
+    parser.add_argument(
+        "--soles", nargs=2, metavar="FRAME", help="left and right; default: the catalogue's, or the lowest shapes"
+    )
+    parser.add_argument(
+        "--rotors",
+        type=float,
+        metavar="I",
+        help="reflected inertia of each motor whose file gives none [kg m^2]; default min(0.01, effort limit / 5000)",
+    )
     for name, default, unit in (("forward", 0.2, "m/s"), ("left", 0.0, "m/s"), ("turn", 0.0, "rad/s")):
         parser.add_argument(f"--{name}", type=float, default=default, metavar="V", help=f"[{unit}], default {default}")
     parser.add_argument("--seconds", type=float, default=8.0, metavar="S", help="default 8; with --view until Ctrl-C")
@@ -36,11 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Walk; returns 1 for a fall."""
-    from hqp import robots
     from hqp.walking.walker import Walker
 
-    robot = robots.load(arguments.robot, rotors=True)
-    walker = Walker(robot)
+    robot, soles = _biped(arguments)
+    walker = Walker(robot, soles=soles)
     wanted = arguments.forward, arguments.left, arguments.turn
     if arguments.output is not None:
         walker.go(*wanted)
@@ -69,6 +78,22 @@ def execute(arguments: argparse.Namespace) -> int:
         with contextlib.suppress(KeyboardInterrupt):
             return _simulate(walker, None, float("inf"), each)
     return 0
+
+
+def _biped(arguments: argparse.Namespace) -> tuple[Any, tuple[str, ...] | None]:
+    """The robot, its base free, and the frames of its soles; None for those of the catalogue."""
+    from hqp.robots.soles import feet
+
+    if arguments.floating is None:
+        arguments.floating = True
+    robot = read_robot(arguments, rotors=True if arguments.rotors is None else arguments.rotors)
+    if arguments.soles is not None:
+        return robot, tuple(arguments.soles)
+    if robot.landmarks.get("soles"):
+        return robot, None
+    robot, soles = feet(robot)
+    print(f"soles of {robot.name}: left {soles[0]}, right {soles[1]}")
+    return robot, soles
 
 
 def _simulate(

@@ -1,6 +1,7 @@
 // A session from a plan's file: a state in, a command out, without Python (docs/plan_file.md).
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <initializer_list>
 #include <memory>
@@ -39,6 +40,18 @@ class Reference {
     at(value, velocity);
     set(kAcceleration, acceleration.data(), acceleration.size());
   }
+  // Typed values: a place [m] (Position, Com, the like), a rotation matrix row by row (Orientation), both (Pose),
+  // angles [rad] or places [m] of joints in the order of the element (Posture). Each throws ReferenceError for an
+  // element whose value has another size.
+  void position(const std::array<double, 3>& place) { set(kValue, place.data(), 3); }
+  void orientation(const std::array<double, 9>& rotation) { set(kValue, rotation.data(), 9); }
+  void pose(const std::array<double, 3>& p, const std::array<double, 9>& R) {
+    const double value[16] = {R[0], R[1], R[2], p[0], R[3], R[4], R[5], p[1], R[6], R[7], R[8], p[2], 0, 0, 0, 1};
+    set(kValue, value, 16);
+  }
+  void joints(const std::vector<double>& angles) { set(kValue, angles.data(), angles.size()); }
+  // Linear [m/s], then angular velocity [rad/s], both in the axes of the element.
+  void twist(const std::array<double, 6>& rate) { set(kVelocity, rate.data(), 6); }
   void at(std::initializer_list<double> value) { set(kValue, value.begin(), value.size()); }
   void at(const double* value, std::size_t size) { set(kValue, value, size); }
   void velocity(const double* value, std::size_t size) { set(kVelocity, value, size); }

@@ -1,0 +1,54 @@
+"""A humanoid that no catalogue names: its feet are found by their shapes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp.__main__ import main
+from hqp.errors import ModelError
+from hqp.robots.soles import feet, sole
+
+
+@pytest.mark.parametrize("name", ["talos", "g1", "romeo"])
+def test_feet_are_those_of_the_catalogue(name: str) -> None:
+    """Left and right, whatever the heading of the base, with a level frame that has a sole."""
+    known = hqp.robots.load(name)
+    links = [known.model.frames[known.frame(s)].parentJoint for s in known.landmarks["soles"]]
+    for yaw in (0.0, 2.0, np.pi):
+        robot = hqp.robots.load(known.source, floating=True)
+        home = robot.home.copy()
+        home[3:7] = 0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+        robot.set_home(home)
+        robot, soles = feet(robot)
+        assert [robot.model.names[robot.model.frames[robot.frame(s)].parentJoint] for s in soles] == [
+            known.model.names[joint] for joint in links
+        ]
+        for frame in soles:
+            assert robot.state(robot.home).rotation(frame)[2, 2] > 0.99
+            assert len(sole(robot, frame)) >= 3
+
+
+@pytest.mark.parametrize("name", ["go2", "ur5"])
+def test_what_has_no_two_feet_is_refused(name: str) -> None:
+    robot = hqp.robots.load(hqp.robots.load(name).source, floating=True)
+    with pytest.raises(ModelError, match="name the soles"):
+        feet(robot)
+
+
+@pytest.mark.slow
+def test_it_walks_from_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a URDF under another name: no entry of the catalogue helps."""
+    pytest.importorskip("mujoco")
+    source = Path(hqp.robots.load("talos").source)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(next(p for p in source.parents if p.name == "share")))
+    own = tmp_path / "somebody.urdf"
+    shutil.copy(source, own)
+    assert main(["walk", "--robot", str(own), "--seconds", "3"]) == 0
+    assert "soles of" in capsys.readouterr().out
