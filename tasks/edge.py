@@ -14,7 +14,7 @@ from hqp.declare.element import Constraint, Task
 from hqp.declare.reference import Given, Reference, numbers
 from hqp.declare.robot import Robot, State
 
-from .fields import check_frame, make_reference, set_vector
+from .fields import check_frame, make_reference, set_normal, set_vector, with_normal
 from .relative import skew
 
 
@@ -29,12 +29,15 @@ class EdgeContact(Task, Constraint):
     """
 
     is_contact: ClassVar[bool] = True
+    on_ground: ClassVar[bool] = True
 
     frame: str
     axis: str | tuple[float, float, float]
+    normal: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        set_normal(self)
         check_frame(self, "frame", self.frame)
         if isinstance(self.axis, str):
             if self.axis not in ("x", "y", "z"):
@@ -87,13 +90,19 @@ class EdgeContact(Task, Constraint):
     def _complement(self, state: State) -> Mat:
         return state.rotation(self.frame) @ self._axes()[1]
 
-    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
-        """Position and unit direction to keep ``(6,)``, and the ground's motion ``(5,)``; raises DeclarationError."""
+    def at(
+        self, value: Given = None, *, velocity: Given = None, acceleration: Given = None, normal: Given = None
+    ) -> Reference:
+        """Position and unit direction to keep ``(6,)``, the ground's motion ``(5,)``, and its normal ``(3,)``.
+
+        Raises DeclarationError.
+        """
         line = None if value is None else numbers(self.name, "position and direction", value, (6,))
         square = 1.0 if line is None else float(line[3:] @ line[3:])
         if line is not None and math.isfinite(square) and abs(square - 1.0) > 1e-6:
             raise self.invalid("direction", line[3:], "a unit vector")
-        return make_reference(self.name, 5, line, velocity, acceleration)
+        found = make_reference(self.name, 5, line, velocity, acceleration)
+        return found if normal is None else with_normal(found, normal)
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The axes, then the two tilts across the edge."""

@@ -13,6 +13,7 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.declare.element import Element
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot
+from hqp.errors import DeclarationError
 
 
 @cache
@@ -101,3 +102,25 @@ def make_reference(name: str, rows: int, value: Vec | Mat | None, velocity: Any,
         None if velocity is None else numbers(name, "velocity", velocity, (rows,)),
         None if acceleration is None else numbers(name, "acceleration", acceleration, (rows,)),
     )
+
+
+def unit(name: str, what: str, value: Any) -> Vec:
+    """A direction of unit length ``(3,)``; raises DeclarationError for a zero one.  One that is not finite stays."""
+    vector = numbers(name, what, value, (3,))
+    length = math.hypot(*vector.tolist())
+    if length == 0.0:
+        raise DeclarationError(name, f"{what} is zero", allowed="a direction")
+    return vector / length if math.isfinite(length) else vector
+
+
+def set_normal(element: Element) -> None:
+    """Store the field ``normal`` with unit length; raises DeclarationError."""
+    given = getattr(element, "normal", None)
+    if given is not None:
+        set_vector(element, "normal")
+        object.__setattr__(element, "normal", tuple(unit(element.name, "normal", given).tolist()))
+
+
+def with_normal(reference: Reference, normal: Any) -> Reference:
+    """The reference with the ground's normal of this tick; raises DeclarationError."""
+    return Reference(**{**vars(reference), "normal": unit(reference.name, "normal", normal)})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,9 +14,8 @@ from hqp.declare import plans
 from hqp.declare.element import Constraint, Task
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
-from hqp.errors import DeclarationError
 
-from .fields import check_frame, check_number, set_vector
+from .fields import check_frame, check_number, set_vector, unit
 from .relative import Triple, skew
 
 UP: Triple = (0.0, 0.0, 1.0)
@@ -137,8 +136,8 @@ class _Wheel(Task, Constraint):
             None if value is None else numbers(self.name, "value", value, (3,)),
             None if velocity is None else numbers(self.name, "velocity", velocity, (k,)),
             None if acceleration is None else numbers(self.name, "acceleration", acceleration, (k,)),
-            _unit(self.name, "normal", normal),
-            _unit(self.name, "gravity_normal", gravity_normal),
+            None if normal is None else unit(self.name, "normal", normal),
+            None if gravity_normal is None else unit(self.name, "gravity_normal", gravity_normal),
         )
 
     def force_basis(self) -> Mat:
@@ -160,16 +159,6 @@ def directions(axle: Vec, normal: Vec) -> Mat:
     length = math.hypot(*across)
     rolling = across / length if length > ALIGNED else np.zeros(3)
     return np.array([rolling, skew(rolling) @ normal, normal])
-
-
-def _unit(name: str, what: str, value: Any) -> Vec | None:
-    if value is None:
-        return None
-    vector = numbers(name, what, value, (3,))
-    length = math.hypot(*vector.tolist())
-    if length == 0.0:
-        raise DeclarationError(name, f"{what} is a zero vector", allowed="a direction")
-    return vector / length if math.isfinite(length) else vector
 
 
 @dataclass(frozen=True, kw_only=True)

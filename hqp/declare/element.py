@@ -53,6 +53,8 @@ class Element(ABC):
     is_contact: ClassVar[bool] = False
     grounded: ClassVar[bool] = False
     """True if the readable functions also take the ground's normal ``(3,)``, which comes with the reference."""
+    on_ground: ClassVar[bool] = False
+    """True if ``at`` takes the ground's normal, and forces are seen in axes on the ground."""
     steered: ClassVar[bool] = False
     """True if J, drift and bounds also take the value of the reference."""
     units: ClassVar[tuple[Unit, ...]] = ()

@@ -17,6 +17,11 @@ UP: Vec = np.array((0.0, 0.0, 1.0))
 """The ground's normal where a reference gives none."""
 
 
+def ground_of(element: Element) -> Vec:
+    """Normal of the ground ``(3,)`` where a reference gives none: the element's own, or the vertical."""
+    return np.array(getattr(element, "normal", None) or UP)
+
+
 @dataclass(eq=False)
 class Views:
     """An element's part of the arrays of a stack: J ``(m, nv)``, None for a selection; the others ``(m,)``."""

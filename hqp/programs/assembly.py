@@ -13,7 +13,7 @@ from hqp.declare import plans
 from hqp.declare.element import Element, has, plan_of, selection_of
 from hqp.declare.law import DCM, PD, Gain, Law, P, pace
 from hqp.declare.plans import Constant, Plan
-from hqp.declare.readable import UP, Readable, Views
+from hqp.declare.readable import Readable, Views, ground_of
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError, StaleState
@@ -165,6 +165,8 @@ class Assembly:
     def _bind(self, member: Member, robot: Robot, dt: float) -> None:
         """A native operation where there is one, the readable functions where not."""
         element, views = member.element, member.views
+        if element.grounded or element.on_ground:
+            member.normal = ground_of(element)
         if views.J is None:
             index = selection_of(element, robot)
             assert index is not None  # only elements that select come here
@@ -179,7 +181,6 @@ class Assembly:
     def _hand_over(self, member: Member, plan: Plan, assembly: NativeAssembly) -> None:
         views = member.views
         member.target = np.zeros(plan.shape)
-        member.normal = UP.copy() if member.element.grounded else None
         taken = getattr(type(member.element), "at", None)
         if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
             member.plain = PLAIN.get(type(plan), 0)
@@ -355,7 +356,7 @@ class Assembly:
                 raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {target.shape}")
             target[:] = value
             if member.normal is not None:
-                member.normal[:] = UP if normal is None else normal
+                member.normal[:] = ground_of(member.element) if normal is None else normal
 
     def _apply_law(self, member: Member, v: Vec) -> None:
         """Bounds of J x from errors, or from the ways left; the native ``demand`` does so for all rows at once."""

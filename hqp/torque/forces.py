@@ -11,13 +11,14 @@ import numpy as np
 from hqp.arrays import Index, Mat, Vec
 from hqp.declare.element import Element, Inequality, plan_of, selection_of
 from hqp.declare.plans import Constant
+from hqp.declare.readable import ground_of
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
 from hqp.problem import Rows, Selection
 from hqp.programs.assembly import Assembly
 from hqp.torque.rows import asked_rows
-from hqp.torque.shared import Shared, axes, named
+from hqp.torque.shared import GroundAxes, Shared, blocks, named, require_standing
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +121,9 @@ class Efforts:
 class Forces:
     """Elements on the force of a reaction constraint: lower <= C f <= upper, f in contact axes, -lambda seen in them.
 
-    Rows of a contact that are in world axes are turned into its frame; a contact whose rows are not simply a force
-    ``(3,)`` or a wrench ``(6,)`` defines them by ``force_basis()`` ``(3 or 6, m)``.  An equality is a target for C f,
-    zero or the reference's value.
+    Rows of a contact that are in world axes are turned into its axes on the ground (``GroundAxes``); a contact whose
+    rows are not simply a force ``(3,)`` or a wrench ``(6,)`` defines them by ``force_basis()`` ``(3 or 6, m)``.
+    An equality is a target for C f, zero or the reference's value.
     """
 
     def __init__(self, elements: Sequence[Element], held: Sequence[Element], rows: Assembly, robot: Robot) -> None:
@@ -130,7 +131,12 @@ class Forces:
         self._places: dict[str, slice] = {}
         m = sum(rows.members[e.name].part.stop - rows.members[e.name].part.start for e in held)
         by_name = {e.name: e for e in held}
-        turned: list[Element] = []
+        names = [name for e in elements for name in getattr(e, "contacts", (getattr(e, "contact", ""),))]
+        seen = [by_name[name] for name in dict.fromkeys(names) if name in by_name]
+        on_ground = [c for c in seen if blocks(c, c.rows(robot))]
+        require_standing(on_ground, robot)
+        self._ground = {c.name: GroundAxes.of(c, rows, robot) for c in on_ground}
+        self._normals = [(c.name, self._ground[c.name].normal, ground_of(c)) for c in on_ground]
         parts = [np.zeros((0, m))]
         lower: list[Vec] = [np.zeros(0)]
         upper: list[Vec] = [np.zeros(0)]
@@ -138,17 +144,15 @@ class Forces:
         self._shared: list[Shared] = []
         for element in elements:
             if hasattr(element, "contacts"):
-                shared = Shared.of(element, by_name, rows, robot, slice(at, at + 6))
+                shared = Shared.of(element, by_name, rows, self._ground, slice(at, at + 6))
                 self._shared.append(shared)
                 whole, low, high = np.zeros((6, m)), np.zeros(6), np.zeros(6)
-                turned += shared.contacts
             else:
                 contact = named(element, getattr(element, "contact", ""), by_name)
                 part = rows.members[contact.name].part
                 C, low, high = _force_rows(element, contact, part.stop - part.start)
                 whole = np.zeros((C.shape[0], m))
                 whole[:, part] = C * (-contact.weight * element.weight)
-                turned.append(contact)
             parts.append(whole)
             lower.append(low * element.weight)
             upper.append(high * element.weight)
@@ -158,11 +162,11 @@ class Forces:
         self._lower, self._upper = self._bounds
         self._declared = self._bounds.copy()
         self._out: list[slice] = []
-        self._frames: list[dict[str, Any]] = []  # turn rows from their axes to the contacts'
-        for contact in dict.fromkeys(turned):
-            part = rows.members[contact.name].part
-            rotation, blocks = axes(contact, part.stop - part.start, robot)
-            self._frames += [{"first": part.start + block.start, "rotation": rotation} for block in blocks]
+        self._frames: list[dict[str, Any]] = []  # turn rows from world axes to those on the ground
+        for contact in on_ground:
+            part, axes = rows.members[contact.name].part, self._ground[contact.name].axes
+            turned = blocks(contact, part.stop - part.start)
+            self._frames += [{"first": part.start + block.start, "rotation": axes} for block in turned]
         apart = {shared.element.name for shared in self._shared}
         given = [e for e in elements if e.equality and e.name not in apart]
         self._targets = [(e.name, self._places[e.name], e.weight) for e in given]
@@ -174,6 +178,7 @@ class Forces:
         if not self._elements:
             return None
         return {
+            "ground": [ground.parts for ground in self._ground.values()],
             "frames": self._frames,
             "shared": [self._shares(shared) for shared in self._shared],
             "rows": [
@@ -183,12 +188,14 @@ class Forces:
         }
 
     def _shares(self, shared: Shared) -> dict[str, Any]:
-        one, other = shared.rotations
+        one, other = shared.ground
         return {
             "C": self._C[shared.own],
             "first": [part.start for part in shared.parts],
-            "one": one,
-            "other": other,
+            "one": one.axes,
+            "other": other.axes,
+            "one_sole": one.rotation,
+            "other_sole": other.rotation,
             "middles": [x for middle in shared.element.middles or ((0.0, 0.0),) * 2 for x in middle],
             "factors": shared.factors,
             "arm": shared.element.arm,
@@ -222,7 +229,10 @@ class Forces:
             self._lower[place], self._upper[place] = -np.inf, np.inf
 
     def target(self, references: Mapping[str, Reference]) -> None:
-        """Take the targets of equalities."""
+        """Take the ground's normals and the targets of equalities."""
+        for name, normal, usual in self._normals:
+            given = references[name].normal if name in references else None
+            normal[:] = usual if given is None else given
         for name, place, weight in self._targets:
             value = references[name].value
             self._lower[place] = 0.0 if value is None else weight * value

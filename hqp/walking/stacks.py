@@ -87,8 +87,8 @@ class Stacks:
         )
         if limits is not None and limits.joints is None:
             limits = replace(limits, joints=rest) if rest else None
-        within: list[Any] = [FixedContact(frame=foot.frame, name=foot.name, when=(BOTH, foot.name)) for foot in feet]
-        within += [TorqueLimits(), *([] if limits is None else [limits])]
+        self.soles = [FixedContact(frame=foot.frame, name=foot.name, when=(BOTH, foot.name)) for foot in feet]
+        within: list[Any] = [*self.soles, TorqueLimits(), *([] if limits is None else [limits])]
         for foot in feet:
             within.append(FrictionCone(contact=foot.name, mu=friction, sole=foot.rectangle))
             within.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))

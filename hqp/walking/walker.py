@@ -350,6 +350,8 @@ class Walker:
         else:
             found.append(stacks.share.at(self._next_share(reached)))
         found.append(stacks.trunk.at(about_vertical(self._next_yaw()) @ self._upright))
+        stands = (self.stance,) if self.phase == "swing" else (0, 1)
+        found += [stacks.soles[side].at(normal=state.rotation(self.feet[side].frame)[:, 2]) for side in stands]
         return found
 
     def _height(self, com: float) -> float:

@@ -61,7 +61,7 @@ class InverseDynamics:
         return Rows(np.vstack((motion, still)) * scale[:, None], b * scale, b * scale)
 
     def limits(self, mu: float, half: tuple[float, float]) -> Rows:
-        """|tau| <= limit, eight-sided friction pyramids inside the cone, centre of pressure in a rectangle."""
+        """|tau| <= limit, eight-sided friction pyramids on level ground, centre of pressure in a rectangle."""
         rows, lower, upper = [], [], []
         limit = np.minimum(self.robot.effort_limit[self.robot.actuated], NO_LIMIT)
         for j in np.flatnonzero(limit < NO_LIMIT):
@@ -72,7 +72,7 @@ class InverseDynamics:
             upper.append(limit[j])
         x, y = half
         for i, foot in enumerate(self.feet):
-            R = self.data.oMf[self.robot.model.getFrameId(foot)].rotation
+            R = on_level_ground(self.data.oMf[self.robot.model.getFrameId(foot)].rotation)
             local = np.zeros((6, self.nv + self.nf + self.n))
             at = self.nv + 6 * i
             local[:3, at : at + 3] = local[3:, at + 3 : at + 6] = R.T
@@ -94,3 +94,10 @@ class InverseDynamics:
         """Physics, limits, then the levels of motion."""
         leading = (self.physics(),) if limits is None else (self.physics(), limits)
         return Hierarchy((*leading, *levels), constraints=len(leading))
+
+
+def on_level_ground(rotation: Mat) -> Mat:
+    """Axes of contact forces: x of the frame from above, y to its left, z up."""
+    x = rotation[:, 0] * [1.0, 1.0, 0.0]
+    x /= np.linalg.norm(x)
+    return np.column_stack((x, np.cross([0.0, 0.0, 1.0], x), [0.0, 0.0, 1.0]))

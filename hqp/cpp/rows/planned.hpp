@@ -130,6 +130,7 @@ Slot slot(const Plan& p, int operations) {
   slot.target = p.maybe("target", size);
   slot.elsewhere = !slot.target;
   slot.normal = p.maybe("normal", 3);
+  if (slot.normal) std::copy(slot.normal, slot.normal + 3, slot.usual.begin());
   const std::size_t rows = p.part("rate").size();
   slot.rows = static_cast<int>(rows);
   slot.rate = p.doubles("rate", rows), slot.feedforward = p.doubles("feedforward", rows);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
 #include "rotations.hpp"
@@ -14,19 +15,20 @@ enum class Plain { kNo, kNumbers, kRotation, kPose };  // whether a target is ta
 struct Slot {
   double* target = nullptr;  // null where it has none
   std::vector<int> shape;    // of the target
-  double* normal = nullptr;  // (3,), null where its rows do not ask for it
+  double* normal = nullptr;  // (3,) of the ground, null if it takes none
   double* rate = nullptr;    // (rows,)
   double* feedforward = nullptr;
   int rows = 0;
   bool elsewhere = false;  // whether the value is read by Python
   Plain plain = Plain::kNo;
-  std::vector<double> hold;  // the target where no reference is given, flat
-  bool moved = false;        // whether a reference has been put there
-  int operation = -1;        // that tells what the element is at, -1 for none
+  std::vector<double> hold;                       // the target where no reference is given, flat
+  bool moved = false;                             // whether a reference has been put there
+  int operation = -1;                             // that tells what the element is at, -1 for none
+  std::array<double, 3> usual = {0.0, 0.0, 1.0};  // the normal if a reference gives none
 
   void settle() {
     if (target) std::copy(hold.begin(), hold.end(), target);
-    if (normal) normal[0] = normal[1] = 0.0, normal[2] = 1.0;
+    if (normal) std::copy(usual.begin(), usual.end(), normal);
     std::fill(rate, rate + rows, 0.0);
     std::fill(feedforward, feedforward + rows, 0.0);
     moved = false;

@@ -46,15 +46,25 @@ class TorqueRows {
 struct Shared {
   double* C;
   int first[2];               // rows of the constraints where the contacts' begin
-  const double* rotation[2];  // live, column-major
+  const double* rotation[2];  // of the contacts' axes, live, column-major
+  const double* sole[2];      // of the frames that the middles are in
   std::array<double, 2> middle[2];
   double factor[2], arm;  // by which C is multiplied
   const double* share;
 };
 
+// Axes of the force at a contact: z the ground's normal (3), x the x axis of its frame projected on the ground, or with
+// `across` y its y axis.  rotation, axes (3, 3): column-major; live.
+struct GroundAxes {
+  const double *rotation, *normal;
+  double* axes;
+  bool across;
+};
+
 class ForceRows {
  public:
   virtual ~ForceRows() = default;
+  virtual void ground(const GroundAxes& contact) = 0;
   virtual void share(const Shared& contacts) = 0;
   // Three of the constraints' rows from `first` on are turned into a contact's axes, by the live transpose of its
   // rotation, row-major.

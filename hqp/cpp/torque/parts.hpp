@@ -54,6 +54,9 @@ class TorqueParts final : public SolveCall {
     if (p.has("forces")) {
       const Plan forces = p.part("forces");
       forces_.reset(HQP_FOR_MACHINE(make_force_rows, m, n));
+      for (const Plan& one : forces.parts("ground"))
+        forces_->ground(
+            {one.doubles("rotation", 9), one.doubles("normal", 3), one.doubles("axes", 9), one.place("axis", 2) == 1});
       for (const Plan& one : forces.parts("frames"))
         forces_->turn(one.place("first", m_ < 3 ? 0 : m_ - 2), one.doubles("rotation", 9));
       for (const Plan& one : forces.parts("shared")) share(one);
@@ -139,6 +142,7 @@ class TorqueParts final : public SolveCall {
     forces_->share({p.doubles("C", 6 * m_),
                     {first[0], first[1]},
                     {p.doubles("one", 9), p.doubles("other", 9)},
+                    {p.doubles("one_sole", 9), p.doubles("other_sole", 9)},
                     {{middles[0], middles[1]}, {middles[2], middles[3]}},
                     {factors[0], factors[1]},
                     p.number("arm"),
