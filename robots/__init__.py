@@ -23,7 +23,7 @@ _SIMULATED = frozenset({"Bumps", "Noise", "Plane", "Plant", "Ramp", "Sensors", "
 
 
 def __getattr__(name: str) -> object:
-    """Import what needs MuJoCo, an extra, only when asked for."""
+    """Import modules that need MuJoCo, an extra, on first use."""
     if name in _SIMULATED:
         return getattr(importlib.import_module(f"{__name__}.on_mujoco"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

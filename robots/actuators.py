@@ -1,4 +1,4 @@
-"""The motors of a plant: torque motors or position servos in place of whatever the model file has."""
+"""The motors of a plant: torque motors or position servos instead of those in the model file."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _SINGLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 class Servo:
     """Position servo: torque = kp (command - q) + kp damping_time (command rate - qd), within the effort limits.
 
-    kp: by joint [N m/rad].  other: of every joint not named.  damping_time: kv / kp [s].
-    Raises DeclarationError for gains that are negative or not finite.
+    kp: by joint [N m/rad].  other: gain of every joint not named.  damping_time: kv / kp [s].  Raises DeclarationError
+    for gains that are negative or not finite.
     """
 
     kp: Mapping[str, float] = field(default_factory=dict)

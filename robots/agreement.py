@@ -1,4 +1,4 @@
-"""A model read from an MJCF compared with MuJoCo at a random state: what differs is refused by name."""
+"""A model read from an MJCF compared with MuJoCo at a random state: differences are refused by name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SEED = 7
 
 
 def check(found: Description) -> None:
-    """Compare nv, mass of what moves, positions and rotations of bodies, and M; raises ModelError for the first off.
+    """Compare nv, moving mass, positions and rotations of bodies, and M; raises ModelError for the first off.
 
     At the random state every joint is off its zero, so that a wrong axis, anchor or order shows.
     """

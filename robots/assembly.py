@@ -85,7 +85,7 @@ def name_all(spec: Any) -> None:
 
 
 def root_of(spec: Any, robot: Any) -> str:
-    """The root body of the robot among those of a MjSpec: that of its first joint."""
+    """The root body of the robot among those of a MjSpec: the root of its first joint."""
     names = set(getattr(robot, "model", robot).names[1:])
     for body in spec.worldbody.bodies:
         if any(j.name in names for j in body.find_all("joint")) or any(j.name in names for j in body.joints):

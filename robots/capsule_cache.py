@@ -74,7 +74,7 @@ def _path(robot: Any, clouds: Mapping[int, Mat]) -> Path | None:
 
 
 def _read(path: Path, clouds: Mapping[int, Mat]) -> tuple[LinkCapsule, ...] | None:
-    """What a file holds; None where it is not there, or not as it was written."""
+    """Content of a file; None where it is not there, or not as it was written."""
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
         rows = told["capsules"]
@@ -101,5 +101,5 @@ def _write(path: Path, found: Sequence[LinkCapsule]) -> None:
 
 
 def _checksum(path: Path, rows: object) -> str:
-    """Of the capsules and of the model that they belong to, which is in the file's name."""
+    """Checksum of the capsules and of the model that they belong to, which is in the file's name."""
     return hashlib.sha256(f"{path.name}\n{json.dumps(rows)}".encode()).hexdigest()

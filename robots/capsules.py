@@ -1,6 +1,6 @@
 """Capsules around the links of a robot: fitted to its shapes once, kept as TOML, read when a robot needs them.
 
-``hqp capsules ROBOT`` fits and writes them; those of the catalogue are in ``robots/capsules``.
+``hqp capsules ROBOT`` fits and writes them; the catalogue's are in ``robots/capsules``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _DIRECTIONS = 60
 
 
 def stored(robot: Any, path: Path | None = None) -> tuple[LinkCapsule, ...] | None:
-    """Capsules of a file, by default that of the catalogue for the robot's name or file; None where there is none."""
+    """Capsules of a file, by default that of the catalogue for the robot's name or file; None if there is none."""
     names = [robot.name] + ([robot.source.stem] if robot.source is not None else [])
     paths = [path] if path is not None else [FOLDER / f"{name}.toml" for name in names]
     found = next((p for p in paths if p.is_file()), None)

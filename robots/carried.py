@@ -1,4 +1,4 @@
-"""Centres of mass and momenta of a robot with what it carries: point masses on frames."""
+"""Centres of mass and momenta of a robot with its loads: point masses on frames."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def position(state: State, load: Load) -> Vec:
-    """Where the load is, ``(3,)`` [m]."""
+    """Position of the load, ``(3,)`` [m]."""
     return state.position(load[0]) + _arm(state, load)
 
 
 def jacobian(state: State, load: Load) -> Mat:
-    """Of its position, ``(3, nv)``."""
+    """Jacobian of its position, ``(3, nv)``."""
     J = state.jacobian(load[0])
     return np.asarray(J[:3] - _skew(_arm(state, load)) @ J[3:], dtype=np.float64)
 

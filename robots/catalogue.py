@@ -37,14 +37,14 @@ def load(
 ) -> Robot:  # fmt: skip
     """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
 
-    floating: whether the base is free to move.  None takes what the catalogue says of a name, what an MJCF or a
-    pinocchio.Model itself says, and for any other URDF a fixed base, unless the file has a floating joint at its root.
-    rotors: give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an
-    MJCF brings its own); a number [kg m^2] is that of every motor whose file gives none.
-    srdf: of a URDF path; None takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become
-    ``robot.configurations``; pairs of links that it disables are left out of ``CollisionAvoidance()``.
-    Raises ModelError where nothing of that name is found (with the closest names) or a file cannot be read,
-    DeclarationError for another type, an SRDF without a URDF, or a base that is not as asked for and cannot be changed.
+    floating: true for a free base.  None uses the catalogue for a name, the file or model for an MJCF or a
+    pinocchio.Model, and for any other URDF a fixed base, unless the file has a floating joint at its root.  rotors:
+    give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an MJCF
+    brings its own); a number [kg m^2] is that of every motor whose file gives none.  srdf: SRDF of a URDF path; None
+    takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become ``robot.configurations``; pairs of links
+    that it disables are left out of ``CollisionAvoidance()``.  Raises ModelError if no robot has that name (with the
+    closest names) or a file cannot be read, DeclarationError for another type, an SRDF without a URDF, or a base that
+    differs from the request and cannot be changed.
     """
     if srdf is not None and not (isinstance(source, (str, Path)) and Path(source).suffix == ".urdf"):
         raise DeclarationError("robot", "an SRDF needs a URDF", value=source, allowed="a path that ends in .urdf")
@@ -187,7 +187,7 @@ def _catalogue() -> dict[str, Any]:
 def _data() -> tuple[Path, ...]:
     """The URDF and SRDF files of example-robot-data, which holds data only, no Python loader.
 
-    Its wheels and conda packages lie beside Pinocchio's; where they do not, what pip recorded is read.
+    Its wheels and conda packages lie beside Pinocchio's; otherwise pip's record of the installation is read.
     """
     beside = Path(pin.__file__).parents[4] / "share" / _DATA / "robots"
     if found := sorted(beside.glob("*/*/*.[us]rdf")):

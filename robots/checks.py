@@ -1,4 +1,4 @@
-"""What makes (q, v) a state: finite numbers, quaternions and (cos, sin) pairs of length one."""
+"""Conditions on (q, v): finite numbers, quaternions and (cos, sin) pairs of length one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _UNIT_PARTS = {"JointModelFreeFlyer": (3, 7), "JointModelSpherical": (0, 4), "Jo
 
 
 def unit_parts(model: Any) -> tuple[tuple[int, int], ...]:
-    """Where q holds quaternions or (cos, sin) pairs, as (start, stop)."""
+    """Slices of q with quaternions or (cos, sin) pairs, as (start, stop)."""
     found: list[tuple[int, int]] = []
 
     def visit(joint: Any) -> None:
@@ -72,7 +72,7 @@ def owner(robot: Any, place: int, *, velocity: bool) -> str:
 
 
 def not_finite(robot: Any, q: Vec, v: Vec) -> str:
-    """Which number of q or v is not finite, or too large to be squared."""
+    """Name the number of q or v that is not finite or whose square overflows."""
     for what, numbers, velocity in (("position", q, False), ("velocity", v, True)):
         with np.errstate(over="ignore", invalid="ignore"):
             wrong = ~np.isfinite(numbers * numbers)

@@ -1,4 +1,4 @@
-"""What the reader of a model file found: the model, and all that a Pinocchio model does not hold."""
+"""Result of reading a model file: the model, and all that a Pinocchio model does not hold."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def require_room(path: Path, nv: int) -> None:
 class Description:
     """A model read from a file.
 
-    model: pinocchio.Model.  source: the file.  rooted: whether its
-    root was freed or fixed on reading.  simulated: the MjModel behind an MJCF.  carriers: for each of its
-    bodies the joint that moves it and its placement there.  actuated: joints with a motor, None for all of one axis.
-    home ``(nq,)`` and named configurations.  couplings: (coefficients by joint, offset), sum c_j q_j = offset.
-    cones: by joint of three axes the largest turn from its zero [rad].  disabled_pairs: links that an SRDF disables.
-    notes: what the file has and the model lacks.  warnings: what in the file is probably a mistake.
+    model: pinocchio.Model.  source: the file.  rooted: true if its root was freed or fixed on reading.  simulated: the
+    MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its placement there.
+    actuated: joints with a motor, None for all of one axis.  home ``(nq,)`` and named configurations.  couplings:
+    (coefficients by joint, offset), sum c_j q_j = offset.  cones: by joint of three axes the largest turn from its zero
+    [rad].  disabled_pairs: links that an SRDF disables.  notes: parts of the file that the model lacks.  warnings:
+    probable mistakes in the file.
     """
 
     model: Any

@@ -17,7 +17,7 @@ class Frames:
         self._found: dict[str, tuple[bool, int]] = {}
 
     def find(self, name: str) -> tuple[bool, int]:
-        """Whether a frame is a site, and its index among sites or bodies; raises FrameNotFound."""
+        """Return true and the index for a site, false and the index for a body; raises FrameNotFound."""
         if name not in self._found:
             self._found[name] = self._search(name)
         return self._found[name]

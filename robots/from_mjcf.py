@@ -1,4 +1,4 @@
-"""MJCF files as Pinocchio models, through MuJoCo's compiled model: what MuJoCo simulates is what is controlled.
+"""MJCF files as Pinocchio models, through MuJoCo's compiled model: the controlled model is the simulated one.
 
 Every body of the tree is taken: several roots, several joints on a body, hinges, slides, balls, free bodies, bodies
 without a joint and mocap bodies (fixed in the world where the file has them).  Joint positions are MuJoCo's qpos,
@@ -31,11 +31,11 @@ _NUMBERS = (
     "tendon_armature",
 )  # fmt: skip
 _RANGES = ("jnt_range", "jnt_actfrcrange", "actuator_forcerange", "actuator_ctrlrange")
-"""What is read of a MjModel; ranges may be infinite."""
+"""Ranges read from a MjModel; ranges may be infinite."""
 
 
 def compiled(path: Path, floating: bool | None = None) -> Any:
-    """The file as a MjModel, its root freed or fixed if asked; raises ModelError."""
+    """Compile the file to a MjModel, with its root freed or fixed on request; raises ModelError."""
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         if floating is not None:
@@ -48,7 +48,7 @@ def compiled(path: Path, floating: bool | None = None) -> Any:
 
 
 def _represented(simulated: Any, path: Path) -> None:
-    """Raise ModelError for what no tree of rigid bodies holds, and for names and numbers that are none."""
+    """Raise ModelError for parts that a tree of rigid bodies cannot represent, and for invalid names and numbers."""
     if simulated.nflex:
         raise ModelError(f"{path}: deformable bodies (flex) are not supported, rigid bodies only")
     require_room(path, simulated.nv)

@@ -15,9 +15,10 @@ from .from_urdf import parsed
 
 
 def read(path: Path, found: Description) -> None:
-    """Add the group states and the disabled pairs; raises ModelError for a file that is none and for values that are.
+    """Add the group states and the disabled pairs; raises ModelError for an invalid file or value.
 
-    Warnings tell what Pinocchio's reader passes over: joints that the model does not have, a state's name once more.
+    Warnings list entries that Pinocchio's reader ignores: joints that the model does not have, a state's name once
+    more.
     """
     if not path.is_file():
         raise ModelError(f"no such file: {path}")

@@ -1,6 +1,6 @@
 """Write the model files of our own robots from their tables: ``python -m hqp.robots.from_tables``.
 
-The files are committed; a test compares them with what this program writes.
+The files are committed; a test compares them with the output of this program.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""URDF files as Pinocchio models, with what the reader would let pass: limits, inertias, axes, mimic joints."""
+"""Read URDF files as Pinocchio models, with checks that the reader lacks: limits, inertias, axes, mimic joints."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from hqp.errors import DeclarationError, ModelError
 from .description import LARGEST, Description, require_room
 
 _KINDS = ("revolute", "prismatic", "continuous", "fixed", "floating", "planar")
-_COORDINATES = {"fixed": 0, "planar": 3, "floating": 6}  # of joints that have not one
+_COORDINATES = {"fixed": 0, "planar": 3, "floating": 6}  # joints without exactly one coordinate
 _TRIPLES = ("xyz", "rpy")
 MOST_LINKS = 5000
 """Pinocchio's reader goes down a chain of links by calls of itself; 20 000 end the process."""
 _PREFIX = re.compile(rb"(</?|\s)([A-Za-z_][\w.-]*):([A-Za-z_][\w.-]*)(?=[\s=/>])")
 _AXIAL = ("revolute", "prismatic", "continuous", "planar")
-_SLACK = 1e-6  # of the triangle inequality, relative to the largest moment: decimals in files
+_SLACK = 1e-6  # tolerance of the triangle inequality, relative to the largest moment: decimals in files
 
 
 def parsed(path: Path) -> ET.Element:
@@ -43,14 +43,13 @@ def parsed(path: Path) -> ET.Element:
 def read(path: Path, floating: bool | None) -> Description:
     """The file's model, couplings and notes; raises ModelError that names the link or joint.
 
-    floating: whether the root is freed, None for what the file says: fixed but for a floating joint at the root.
-    Raises DeclarationError where the file frees the root that floating=False would fix.
+    floating: true to free the root, None to follow the file: fixed but for a floating joint at the root. Raises
+    DeclarationError where the file frees the root that floating=False would fix.
 
-    Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative,
-    axes of no length, lower limits above upper ones, more links or coordinates than there is room for.  Warned of:
-    other negative moments of inertia, those against the triangle inequality, joints with which no mass moves, limits
-    that say nothing (zero or missing), joints that their limits hold in one place, mimic joints that follow an unknown
-    one.
+    Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative, axes
+    of no length, lower limits above upper ones, more links or coordinates than there is room for.  Warned of: other
+    negative moments of inertia, those against the triangle inequality, joints that move no mass, limits that are zero
+    or missing, equal lower and upper limits, mimic joints that follow an unknown one.
     """
     root = parsed(path)
     freed = _free_root(root)
@@ -130,7 +129,7 @@ def _numbers(
 
 
 def _check_link(path: Path, link: ET.Element, warnings: list[str]) -> str:
-    """What is wrong if a principal moment is negative, empty otherwise."""
+    """Return the fault if a principal moment is negative, else an empty text."""
     inertial, what = link.find("inertial"), f"link {link.get('name')!r}"
     if inertial is None:
         return ""

@@ -46,7 +46,7 @@ def _loader(path: Path) -> Any:
 
 
 def folders(path: Path) -> list[str]:
-    """Where ``package://`` is looked for: the folders above the file, then the paths of ROS."""
+    """Search path of ``package://``: the folders above the file, then the paths of ROS."""
     above = [str(parent) for parent in path.resolve().parents if parent != parent.parent]
     ros = os.environ.get("ROS_PACKAGE_PATH", "").split(":")
     ament = [f"{prefix}/share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
@@ -143,7 +143,7 @@ def _corners(half: Vec) -> Mat:
 
 
 def lowest(model: Any, data: Any, geometry: Any, joint: int) -> float:
-    """Height of the lowest point of what a joint carries itself [m], inf where it carries no shape."""
+    """Height of the lowest point of a joint's own shapes [m], inf without shapes."""
     height = np.inf
     for item in geometry.geometryObjects:
         if item.parentJoint == joint:

@@ -17,9 +17,9 @@ from .frames import Frames
 from .mujoco_extra import mujoco
 
 Triple = tuple[float, float, float]
-_NOWHERE = (0.0,) * 6  # normal and point of what carries nothing
+_NOWHERE = (0.0,) * 6  # normal and point without a contact
 BURIED = 5e-3
-"""What is deeper in the ground than this is lifted [m]."""
+"""Deeper points in the ground are lifted [m]."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def watch(
 class ContactReader:
     """Sums the contacts of each watched body and of all that hangs on it.
 
-    bodies: one per row; of two that hang on each other the lower one has its own contacts.
+    bodies: one per row; if one hangs on the other, the lower one has its own contacts.
     """
 
     def __init__(self, model: Any, bodies: Sequence[int]) -> None:

@@ -17,10 +17,10 @@ _UNLIMITED = 1e6  # a limit at or beyond this [rad, m] is no limit
 class Joints:
     """Tables of a model's joints.
 
-    floating: whether the first joint is a free flyer.  columns: first tangent coordinate and number of them by name,
-    the base left out.  single: joints of one axis by name.  several: of joints of several axes, by name, the first
-    place in q, the number there, the first in v, the number there.  Raises ModelError for joints without coordinates
-    of their own (Pinocchio's mimic joints) and for ellipsoids.
+    floating: true if the first joint is a free flyer.  columns: first tangent coordinate and number of them by name,
+    the base left out.  single: joints of one axis by name.  several: joints with several axes, by name: first place in
+    q, number there, first in v, number there.  Raises ModelError for joints without coordinates of their own
+    (Pinocchio's mimic joints) and for ellipsoids.
     """
 
     def __init__(self, model: Any, name: str) -> None:
@@ -106,7 +106,7 @@ class Joints:
         return np.asarray(whole, dtype=np.float64)
 
     def limits(self, model: Any) -> tuple[Vec, Vec, Vec, Vec]:
-        """Lower, upper, velocity and effort limits by tangent coordinate, infinite where there is none."""
+        """Lower, upper, velocity and effort limits by tangent coordinate, infinite if unlimited."""
         lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
         lower[self.single_v] = model.lowerPositionLimit[self.single_q]
         upper[self.single_v] = model.upperPositionLimit[self.single_q]

@@ -1,4 +1,4 @@
-"""What an MJCF says besides the tree: limits, motors, keyframes, couplings, and what has no counterpart here."""
+"""Data of an MJCF besides the tree: limits, motors, keyframes, couplings, and parts without a counterpart here."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def driven(simulated: Any) -> list[int]:
 
 
 def _read_motors(simulated: Any, found: Description) -> None:
-    """Actuated joints: those of joint actuators, all of one axis where the file has no such actuator."""
+    """Actuated joints: joints of joint actuators, all of one axis if the file has no such actuator."""
     names, moved = joint_names(simulated), driven(simulated)
     single = {j for j in range(simulated.njnt) if int(simulated.jnt_type[j]) in (_SLIDE, _HINGE)}
     motors = [names[j] for j in moved if j in single]

@@ -1,4 +1,4 @@
-"""Names in a compiled MuJoCo model; what has none is given one, the same wherever it is asked."""
+"""Names in a compiled MuJoCo model; unnamed ones get a deterministic name."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 plant = Plant(hqp.robots.load("dreamer"), "dreamer_rollers", terrain=Ramp(angle=0.12))
 q, v = plant.reset()
 plant.step(torque, steps=2)                 # two steps of 1 ms
-q, v = plant.state()                        # the truth;  plant.measure(): what sensors say
+q, v = plant.state()                        # the truth;  plant.measure(): readings of the sensors
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ _LINEAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 class Plant:
     """A simulated robot that takes commands and gives states, forces and sensor readings.
 
-    robot: the Robot that controls, or a pinocchio.Model; states and commands are in its order.
-    mjcf: a path, or the stem of one of our own files (``cbi``, ``dreamer``, ``dreamer_rollers``); by default our own
-    of the robot's name, else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.
-    actuation: ``torque``, ``position`` (servos with the gains of ``servo``), or ``native``, the file's own actuators.
-    terrain: the ground, which takes the place of planes in the file, None to keep those.
-    timestep, delay: of a step, and from command to motor [s].  armature: reflected rotor inertia by joint or group
-    [kg m^2] in place of the default (our own models, and URDF files, which have no word for it: that of the robot's
-    model, else min(0.01, effort limit / 5000)) or the file's; ``plant.armature`` is what each joint has.
-    imu: a frame of the root body.  watched: frames whose ground contact is measured, each with all that hangs on it,
-    or on the link that it is fixed to where there is no shape on itself; soles or wheels by default.
-    edit: changes the MjSpec before it is compiled (payloads, other masses).  seed: of the sensors' noise.
-    Raises ModelError, JointNotFound, FrameNotFound, DeclarationError.
+    robot: the Robot that controls, or a pinocchio.Model; states and commands are in its order.  mjcf: a path, or the
+    stem of one of our own files (``cbi``, ``dreamer``, ``dreamer_rollers``); by default our own of the robot's name,
+    else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.  actuation: ``torque``,
+    ``position`` (servos with the gains of ``servo``), or ``native``, the file's own actuators.  terrain: the ground,
+    which takes the place of planes in the file, None to keep those.  timestep, delay: duration of a step, and delay
+    from command to motor [s].  armature: reflected rotor inertia by joint or group [kg m^2] in place of the default
+    (our own models, and URDF files, which have no word for it: rotor inertia of the robot's model, else min(0.01,
+    effort limit / 5000)) or the file's; ``plant.armature`` has the value of each joint.  imu: a frame of the root body.
+    watched: frames whose ground contact is measured, each with all that hangs on it, or on the link that it is fixed to
+    where there is no shape on itself; soles or wheels by default.  edit: changes the MjSpec before it is compiled
+    (payloads, other masses).  seed: seed of the sensors' noise.  Raises ModelError, JointNotFound, FrameNotFound,
+    DeclarationError.
     """
 
     def __init__(
@@ -118,7 +118,8 @@ class Plant:
         """Start at (q, v); noise starts anew.  Returns the state.
 
         The default is at rest in the robot's home if it came from the same file, else in the file's first keyframe or
-        its initial configuration.  A robot from a URDF, which says no height of its base, is lifted out of the ground.
+        its initial configuration.  A robot from a URDF, which does not define the height of its base, is lifted out of
+        the ground.
         """
         mujoco.mj_resetData(self.model, self.data)
         if q is None:
@@ -131,7 +132,7 @@ class Plant:
             joints = self.model.actuator_trnid[:, 0]
             self._control[:] = self.data.qpos[self.model.jnt_qposadr[joints]]
         self._pending = deque(self._control.copy() for _ in range(self._delay))
-        self.data.ctrl[:] = self._control  # else servos slam in what the accelerometer reads first
+        self.data.ctrl[:] = self._control  # else servos jerk in the first accelerometer reading
         mujoco.mj_forward(self.model, self.data)
         self._contacts.keep(self.data)
         return self.state()
@@ -273,7 +274,7 @@ class Plant:
 
 
 def _armature(robot: Any, path: Path, about: Mapping[str, Any]) -> Mapping[str, float]:
-    """What joints have where the caller says nothing."""
+    """Default armature of joints."""
     if not about:
         return rotor_inertia(robot) if path.suffix == ".urdf" else {}
     return dict(about.get("plant", {}).get("armature", {}))

@@ -37,22 +37,21 @@ class Wheel:
 
 
 LIVE = ("data", "current", "_measure", "_views", "_bodies", "_tree")
-"""What of a robot is live: views into its data, made anew in a copy."""
+"""Live parts of a robot: views into its data, made anew in a copy."""
 
 _new = object.__new__
 
 
 class Robot:
-    """A Pinocchio model with one Data; see hqp.declare.robot.Robot for what the properties mean.
+    """A Pinocchio model with one Data; see hqp.declare.robot.Robot for the properties.
 
     model: a pinocchio.Model, floating if its first joint is a free flyer; composite, Euler-angle and universal joints
     become chains NAME_0, NAME_1, ... and a group NAME, q and v stay as they were.  actuated: names of the actuated
     joints, all single-axis joints by default.  groups: joint groups by name.  home: ``(nq,)``, moved into the joint
     limits.  configurations: by name, the keyframes of an MJCF (``key_0``, ... without a name) or the states of an SRDF.
-    wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
-    description: what the file of the robot says besides.  geometry, visual: pinocchio.GeometryModel of a model that
-    comes from no file.
-    Raises ModelError where joints share a coordinate (mimic joints of Pinocchio), DeclarationError for home.
+    wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.  description: further data of
+    the robot's file.  geometry, visual: pinocchio.GeometryModel of a model that comes from no file.  Raises ModelError
+    where joints share a coordinate (mimic joints of Pinocchio), DeclarationError for home.
     """
 
     log3 = staticmethod(pin.log3)
@@ -181,7 +180,7 @@ class Robot:
 
     @property
     def bodies(self) -> tuple[Any, ...]:
-        """One for each of the model's joints; what is fixed in the world counts for nothing."""
+        """One for each of the model's joints; shapes fixed in the world do not count."""
         if not self._bodies:
             model, found = self.model, []
             for i, placement in enumerate(self.data.oMi):
@@ -195,7 +194,8 @@ class Robot:
 
     @property
     def inertias(self) -> tuple[tuple[float, ...], ...]:
-        """Of each of ``bodies``: xx, yy, zz, xy, xz, yz about its centre of mass, in its axes; zero of the world."""
+        """Inertia of each of ``bodies``: xx, yy, zz, xy, xz, yz about its centre of mass, in its axes; zero of the
+        world."""
         every = [np.asarray(inertia.inertia) for inertia in self.model.inertias]
         places = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)
         return ((0.0,) * 6, *(tuple(float(own[at]) for at in places) for own in every[1:]))
@@ -214,7 +214,7 @@ class Robot:
 
     @property
     def placed_frames(self) -> Sequence[Placed]:
-        """The frames whose ``placement`` was asked for so far."""
+        """Frames whose ``placement`` was used so far."""
         return kinematic_tree.frames(self)
 
     def body(self, frame: int) -> int:
@@ -245,7 +245,7 @@ class Robot:
 
     @property
     def geometry(self) -> Any:
-        """Collision shapes, a pinocchio.GeometryModel, read when first asked for; raises ModelError without any."""
+        """Collision shapes, a pinocchio.GeometryModel, read on first use; raises ModelError without any."""
         if self._geometry is None:
             self._geometry = self._shapes("collision")
         return self._geometry
@@ -259,9 +259,9 @@ class Robot:
 
     @property
     def capsules(self) -> tuple[LinkCapsule, ...]:
-        """Capsules around the links: those of ``with_capsules``, of the catalogue, or fitted to ``geometry``.
+        """Capsules around the links: from ``with_capsules``, from the catalogue, or fitted to ``geometry``.
 
-        Fitting takes seconds, minutes for many meshes: it warns (ModelWarning), and what it finds is kept in the user's
+        Fitting takes seconds, minutes for many meshes: it warns (ModelWarning), and the result is kept in the user's
         cache (docs/collision.md).  Raises ModelError without shapes.
         """
         if not self._capsules:
@@ -269,11 +269,11 @@ class Robot:
 
             known, asked_for = capsules.stored(self), self._geometry
             self._capsules.append(capsule_cache.fitted(self) if known is None else known)
-            self._geometry = asked_for  # meshes are large: those read for the fit are not kept
+            self._geometry = asked_for  # meshes are large: shapes read for the fit are released
         return self._capsules[0]
 
     def with_capsules(self, capsules: str | Path | Sequence[LinkCapsule]) -> Robot:
-        """The same robot with capsules of a file of `hqp capsules`, or given ones; raises ModelError for a misfit."""
+        """Return a copy with capsules of a file of `hqp capsules`, or given ones; raises ModelError for a misfit."""
         from .capsules import stored
 
         clone = self.copy()
@@ -291,10 +291,10 @@ class Robot:
         return read(self.description, self.model, kind)
 
     def with_frame(self, name: str, parent: str, placement: Any = None) -> Robot:
-        """The same robot with one more frame, fixed in that of ``parent``.
+        """Return a copy with one more frame, fixed in that of ``parent``.
 
-        placement: of the new frame in its parent, a pinocchio.SE3, a matrix ``(4, 4)`` or a position ``(3,)`` [m].
-        Raises FrameNotFound for the parent, DeclarationError for a name that is taken or a placement that is none.
+        placement: pose of the new frame in its parent, a pinocchio.SE3, a matrix ``(4, 4)`` or a position ``(3,)`` [m].
+        Raises FrameNotFound for the parent, DeclarationError for a duplicate name or an invalid placement.
         """
         if name in self._frames:
             raise DeclarationError(self.name, "duplicate frame name", value=name, allowed="another name")
@@ -385,7 +385,8 @@ class Robot:
         return q
 
     def copy(self) -> Robot:
-        """The same robot with data of its own; the model is shared, shapes that a file has are read from it again."""
+        """Return a copy of the robot with its own data; the model is shared, shapes that a file has are read from it
+        again."""
         clone = _new(type(self))
         clone.__dict__.update(self.__getstate__())
         clone._begin()

@@ -11,7 +11,7 @@ from hqp.arrays import Mat, Vec
 LIGHT = 1e-4
 """Mass that a link without one is given where it moves [kg]."""
 SMALL = 1e-7
-"""Least principal moment of such a link [kg m^2]; of others a share of their largest one."""
+"""Least principal moment of such a link [kg m^2]; for other links a share of their largest one."""
 SHARE = 1e-4
 """Least principal moment of a link, as a share of its largest one."""
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -1,7 +1,7 @@
 """The passive rollers of an omnidirectional wheel: one row of ellipsoids, long axis tangential.
 
-Their number is the real robot's; shape and distance make the wheel's rim round to 0.1 mm. The mass is an
-estimate: the table's wheel holds it, so the hub gets what the rollers leave.
+Their number is the real robot's; shape and distance make the wheel's rim round to 0.1 mm. The mass is an estimate: the
+table's wheel includes it, so the hub gets the remainder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ NUMBER = 18
 CENTRE = 0.088  # distance of a roller's centre from the axle [m]
 MASS = 0.010  # [kg]
 SEMI_AXES = np.array([0.013, 0.013, 0.0362])  # the last one tangential [m]
-DAMPING = 1e-5  # of a roller's hinge [N m s/rad]
+DAMPING = 1e-5  # damping of a roller's hinge [N m s/rad]
 
 
 def add_rollers(body: ET.Element, wheel: str, axle: Array) -> None:

@@ -1,4 +1,4 @@
-"""Rotor inertia of joints of whose motors a file says nothing."""
+"""Rotor inertia of joints whose motors the file does not describe."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ ROTOR = 0.01
 """Reflected inertia of the rotor of a geared motor of a legged robot or an arm [kg m^2]."""
 
 FREE = 5000.0
-"""What a motor at its effort limit accelerates its own rotor by, at most [rad/s^2]: weak motors have less inertia."""
+"""Largest acceleration of a motor's own rotor at its effort limit [rad/s^2]: weak motors have less inertia."""
 
 
 def rotor_inertia(robot: Any, missing: float | None = None) -> dict[str, float]:
     """Armature of each actuated turning joint, by name [kg m^2]: the model's where it has one, else a guess of it.
 
-    missing: of joints without one; None guesses min(0.01, effort limit / 5000).  With none a foot weighs next to
-    nothing seen from its ankle, and what a motor does in a step of a simulation turns it by tens of rad/s.
+    missing: of joints without one; None guesses min(0.01, effort limit / 5000).  Without one a foot has almost no
+    inertia about its ankle, and a motor turns it by tens of rad/s in one simulation step.
     """
     model = getattr(robot, "model", robot)
     given: Vec = np.asarray(model.armature)

@@ -15,7 +15,7 @@ from .terrain import Terrain
 HAND = "human_hand"
 VIEWS = {"side": (-90.0, -8.0), "front": (0.0, -8.0), "corner": (-50.0, -18.0), "top": (-90.0, -89.0)}
 """Named cameras, which follow the centre of mass: azimuth of the camera and elevation of its view [deg]."""
-DISTANCE = 2.6  # of the cameras from the centre of mass [m]
+DISTANCE = 2.6  # distance of the cameras from the centre of mass [m]
 _SKIN = (0.87, 0.67, 0.53, 1.0)
 
 
@@ -44,7 +44,7 @@ def light(model: Any) -> None:
     model.vis.headlight.diffuse[:] = 0.25
     model.vis.headlight.specular[:] = 0.0
     model.vis.quality.shadowsize = 4096
-    model.vis.global_.offwidth, model.vis.global_.offheight = 1280, 960  # of pictures without a screen
+    model.vis.global_.offwidth, model.vis.global_.offheight = 1280, 960  # size of pictures without a screen
     model.stat.extent = 2.5  # the shadow map spans this, not the whole ground
 
 
@@ -66,7 +66,7 @@ def _sky_and_light(spec: Any) -> None:
 
 
 def _ground(spec: Any, terrain: Terrain) -> None:
-    # priority: friction and stiffness are the ground's, whatever stands on it
+    # priority: friction and stiffness are the ground's for every body on it
     law = {
         "contype": 1,
         "conaffinity": 1,

@@ -1,4 +1,4 @@
-"""What a plant's sensors read: noise, bias, and the readings of one tick."""
+"""Sensors of a plant: noise, bias, and the readings of one tick."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the sensors say at one instant.
+    """Readings of the sensors at one instant.
 
     q, v: Pinocchio's coordinates as an estimator with these sensors would give them: joints from their sensors, the
     base's orientation and angular velocity from the IMU; its position and linear velocity are the truth.

@@ -1,4 +1,4 @@
-"""What a robot looks like: the shapes of its description file as plain data, for whoever draws them."""
+"""Appearance of a robot: the shapes of its description file as plain data, for whoever draws them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Kind = Literal["mesh", "box", "sphere", "cylinder", "capsule"]
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape fixed in a body: its place there, and what it is.
+    """A shape fixed in a body: its place there, and its kind.
 
-    body: index into ``robot.bodies``.  position ``(3,)`` [m], rotation ``(3, 3)``: in the body's axes.
-    size: scale of a mesh ``(3,)``; sides of a box ``(3,)``; radius of a sphere; radius and length of the others [m],
-    along z.  path: of a mesh file; triangles: corners and triangles of a mesh without one.  color: red, green, blue,
-    opacity, 0 to 1, None where the file names none.
+    body: index into ``robot.bodies``.  position ``(3,)`` [m], rotation ``(3, 3)``: in the body's axes.  size: scale of
+    a mesh ``(3,)``; sides of a box ``(3,)``; radius of a sphere; radius and length of the others [m], along z.  path:
+    path of a mesh file; triangles: corners and triangles of a mesh without one.  color: red, green, blue, opacity, 0 to
+    1, None where the file names none.
     """
 
     body: int

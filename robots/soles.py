@@ -1,4 +1,4 @@
-"""What of a foot touches level ground, from its collision shapes."""
+"""Part of a foot that touches level ground, from its collision shapes."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ Corners = tuple[tuple[float, float], ...]
 def sole(robot: Any, frame: str, most: int = 6) -> Corners:
     """Corners (x, y) of the sole in the axes of a frame whose z is up, counter-clockwise [m], at most so many.
 
-    They are corners of the convex hull of the lowest points of the shapes on the frame's link; of more than ``most``
-    those are left out that the area needs least, so that the polygon lies inside the sole.
-    Raises FrameNotFound, ModelError for a link without shapes, or one whose lowest points are on a line.
+    They are corners of the convex hull of the lowest points of the shapes on the frame's link; if there are more than
+    ``most``, those that contribute least area are dropped, so that the polygon lies inside the sole. Raises
+    FrameNotFound, ModelError for a link without shapes, or one whose lowest points are on a line.
     """
     cloud = _cloud(robot, frame)
     low = cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE, :2]
@@ -43,7 +43,7 @@ def sole(robot: Any, frame: str, most: int = 6) -> Corners:
 
 
 def sole_points(robot: Any, frame: str) -> tuple[tuple[float, float, float], ...]:
-    """The same corners with the height of the lowest point of the shapes (x, y, z) [m]; none for no sole."""
+    """Return the corners with the height of the lowest point of the shapes (x, y, z) [m]; none for no sole."""
     cloud = _cloud(robot, frame)
     try:
         return tuple((x, y, float(cloud[:, 2].min())) for x, y in sole(robot, frame))
@@ -76,7 +76,7 @@ def _hull(cloud: Mat) -> list[Any]:
 
 
 def _area(corners: list[Any], k: int) -> float:
-    """Of the triangle of a corner and its neighbours [m^2]."""
+    """Area of the triangle of a corner and its neighbours [m^2]."""
     o, a, b = corners[k - 1], corners[k], corners[(k + 1) % len(corners)]
     return 0.5 * abs(float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])))
 

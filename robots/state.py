@@ -30,7 +30,7 @@ _KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS, _PLACED = (1 << i 
 
 
 class PlainState(NamedTuple):
-    """What is left of a state that was pickled: robot by name, q ``(nq,)``, v ``(nv,)``, time [s]."""
+    """Plain numbers of a pickled state: robot by name, q ``(nq,)``, v ``(nv,)``, time [s]."""
 
     robot: str
     q: Vec
@@ -42,7 +42,7 @@ NOBODY: frozenset[str] = frozenset()
 
 
 class State:
-    """One (q, v) of a robot; see hqp.declare.robot.State.  Computes each quantity when first asked for, and once.
+    """One (q, v) of a robot; see hqp.declare.robot.State.  Computes each quantity once, on first use.
 
     q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.  commanded: the
     velocity ``(nv,)`` that a session at velocity level sent last, written by the session, as are ``loads``, point
@@ -77,8 +77,8 @@ class State:
             unit = not normalise(robot, q)
         self._unit = unit
         self.valid = self.finite and unit
-        """Whether q and v are finite and every quaternion has length one within 1e-3."""
-        # not written to; by position it costs half of what write=False does
+        """True if q and v are finite and every quaternion has length one within 1e-3."""
+        # not written to; the positional argument costs half of write=False
         q.setflags(False)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
         v.setflags(False)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
         self._done = 0
@@ -96,7 +96,7 @@ class State:
         self._commanded = x
 
     def command_later(self, x: Callable[[], Vec]) -> None:
-        """``commanded`` as a function, called when it is first asked for."""
+        """Set ``commanded`` as a function, called on first use."""
         self._commanded = x
 
     @property
@@ -107,7 +107,7 @@ class State:
         return "" if self._unit else normalise(self.robot, self.q.copy())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A state pickles as plain numbers: what it computes lives in its robot."""
+        """A state pickles as plain numbers: its computed quantities live in its robot."""
         return PlainState, (self.robot.name, self.q, self.v, self.time)
 
     def _compute(self, what: int) -> None:

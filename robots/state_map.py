@@ -27,7 +27,7 @@ from hqp.errors import JointNotFound, ModelError
 from .mjcf_names import joint_names
 from .mujoco_extra import mujoco
 
-_XYZW = [1, 2, 3, 0]  # where Pinocchio's numbers of a quaternion are in MuJoCo's
+_XYZW = [1, 2, 3, 0]  # positions of Pinocchio's quaternion entries in MuJoCo's
 
 
 class StateMap:
@@ -45,9 +45,9 @@ class StateMap:
         self.floating = model.njoints > 1 and model.joints[1].nv == 6
         names = list(joint_names(simulated))
         base = self._match_base(model, names)
-        self._free: list[tuple[int, int, int, int]] = []  # the same of free bodies
+        self._free: list[tuple[int, int, int, int]] = []  # equally for free bodies
         simple: list[tuple[int, int, int, int]] = []  # idx_q, qposadr, idx_v, dofadr
-        self._turning: list[tuple[int, int, int, int]] = []  # the same of continuous joints, (cos, sin) in q
+        self._turning: list[tuple[int, int, int, int]] = []  # equally for continuous joints, (cos, sin) in q
         balls: list[tuple[int, int, int, int]] = []  # spherical in both
         self.wheels: dict[str, tuple[int, int, int, int]] = {}  # ball in MuJoCo, one axle in Pinocchio
         self.axles: dict[str, Vec] = {}
@@ -111,7 +111,7 @@ class StateMap:
             if strange:
                 raise ModelError(f"the base is fixed in Pinocchio and floating in MuJoCo ({strange[0]})")
             return ""
-        if not found and not carried:  # a lone free body, whatever its joint is called
+        if not found and not carried:  # a lone free body, with any joint name
             found = np.flatnonzero(simulated.jnt_type == free).tolist()
         if not found:
             raise ModelError("the base is floating in Pinocchio and fixed in MuJoCo")

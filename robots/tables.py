@@ -1,7 +1,7 @@
-"""The tables of our own robots and the numbers read from them; what the model writers share.
+"""The tables of our own robots and the numbers read from them; shared by the model writers.
 
-``joints.csv``, ``links.csv`` and ``points.csv`` of a robot's folder are the one source of numbers.
-``robot.toml`` adds what no table holds: the posture, the joints without a motor, the plant's parameters.
+``joints.csv``, ``links.csv`` and ``points.csv`` of a robot's folder are the one source of numbers. ``robot.toml`` adds
+data without a table: the posture, the joints without a motor, the plant's parameters.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def text(values: Iterable[float] | float) -> str:
 
 
 def document(root: ET.Element) -> str:
-    """The file's text, indented, with a line that says where it comes from."""
+    """The file's text, indented, with a line on its origin."""
     ET.indent(root)
     header = "<!-- Written by robots/from_tables.py: do not edit. -->"
     return f"{header}\n{ET.tostring(root, encoding='unicode')}\n"

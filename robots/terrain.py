@@ -11,8 +11,8 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
 
-_THICK, _LONG = 0.5, 20.0  # of slabs, and of an endless slope [m]
-_BURIED = 0.05  # how deep below the ground a slope goes on, at least [m]
+_THICK, _LONG = 0.5, 20.0  # thickness of slabs, and length of an endless slope [m]
+_BURIED = 0.05  # least depth of a slope below the ground [m]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Slab:
 
 @dataclass(frozen=True)
 class Cap:
-    """What a sphere shows above the ground: centre and radius [m]."""
+    """Part of a sphere above the ground: centre and radius [m]."""
 
     centre: tuple[float, float, float]
     radius: float
@@ -61,7 +61,7 @@ class Terrain(ABC):
 
     @abstractmethod
     def slabs(self) -> tuple[Slab, ...]:
-        """What stands on the plane z = 0."""
+        """Slabs on the plane z = 0."""
 
     def caps(self) -> tuple[Cap, ...]:
         """Bumps on it."""
@@ -99,8 +99,9 @@ class Plane(Terrain):
 class Ramp(Terrain):
     """Level ground, a slope that rises along x, and a level plateau on top of it.
 
-    start: x of the lower edge [m].  angle: of the slope [rad].  top: height of the plateau [m], None for a slope
-    without end.  width: along y [m].  Raises DeclarationError for an angle outside (0, pi/3] or a top not above 0.
+    start: x of the lower edge [m].  angle: inclination of the slope [rad].  top: height of the plateau [m], None for a
+    slope without end.  width: along y [m].  Raises DeclarationError for an angle outside (0, pi/3] or a top not above
+    0.
     """
 
     start: float = 0.35
@@ -126,7 +127,7 @@ class Ramp(Terrain):
 
     @property
     def underground(self) -> float:
-        """How far the slope goes on below the level ground, along itself [m].
+        """Length of the slope below the level ground, along itself [m].
 
         Without it the slab's front edge lies at the foot, just where wheels touch: a roller that meets the edge gets a
         contact whose normal is that of no surface (measured: one sample at 121 degrees and 1411 N).
@@ -159,7 +160,7 @@ class Ramp(Terrain):
 class Step(Terrain):
     """Level ground and a step up, square to x, onto level ground that goes on.
 
-    start: x of the edge [m].  rise [m], width along y [m].  Raises DeclarationError for what is not above 0.
+    start: x of the edge [m].  rise [m], width along y [m].  Raises DeclarationError for values that are not above 0.
     """
 
     start: float = 0.35
@@ -185,9 +186,9 @@ class Step(Terrain):
 class Bumps(Plane):
     """Level ground strewn with bumps, caps of spheres at random places on a grid from ``start`` on along x.
 
-    rise: of a bump over the ground, at most; each has half of it to all of it [m].  radius: of its foot [m].
-    spacing: of the grid [m]; every place is off by up to a quarter of it.  length, width: of the field [m].
-    ``height`` leaves the bumps out.  Raises DeclarationError for what is not above 0.
+    rise: largest height of a bump over the ground; each has half of it to all of it [m].  radius: radius of its foot
+    [m].  spacing: distance of grid points [m]; every place is off by up to a quarter of it.  length, width: size size
+    of the field [m].  ``height`` leaves the bumps out.  Raises DeclarationError for values that are not above 0.
     """
 
     start: float = 0.35
@@ -209,7 +210,7 @@ class Bumps(Plane):
             for y in np.arange(-0.5 * self.width, 0.5 * self.width, self.spacing).tolist():
                 dx, dy = rng.uniform(-0.25, 0.25, 2).tolist()
                 rise = self.rise * float(rng.uniform(0.5, 1.0))
-                size = 0.5 * (self.radius**2 + rise**2) / rise  # of the sphere whose cap that is
+                size = 0.5 * (self.radius**2 + rise**2) / rise  # radius of the sphere with that cap
                 found.append(Cap((x + dx * self.spacing, y + dy * self.spacing, rise - size), size))
         return tuple(found)
 
@@ -218,8 +219,8 @@ class Bumps(Plane):
 class Tiles(Plane):
     """Square tiles whose tops are up to ``rise`` above or below the ground at the start, which is at ``rise``.
 
-    start: x where they begin [m].  rise [m].  size: of a tile [m].  length, width: of the field [m].
-    ``height`` is that of the start.  Raises DeclarationError for what is not above 0.
+    start: x where they begin [m].  rise [m].  size: side of a tile [m].  length, width: of the field [m].  ``height``
+    is that of the start.  Raises DeclarationError for values that are not above 0.
     """
 
     start: float = 0.25

@@ -27,8 +27,8 @@ _SHOWN = (0.75, 0.76, 0.79, 1.0)
 def read(robot: Any) -> Any:
     """A MjSpec of a robot from a URDF: bodies, joints, inertias by MuJoCo's reader; raises ModelError.
 
-    Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.  Where MuJoCo refuses
-    inertias, those that no body has are changed, see ``make_physical``; warns (ModelWarning) of the links.
+    Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.  If MuJoCo refuses
+    inertias, those that no rigid body has are changed, see ``make_physical``; warns (ModelWarning) of the links.
     """
     root = from_urdf.parsed(robot.source)
     for link in root.findall("link"):
@@ -52,7 +52,7 @@ def read(robot: Any) -> Any:
 
 
 def _spec(root: ET.Element, robot: Any) -> Any:
-    """Of a URDF without shapes; raises ModelError."""
+    """MjSpec of a URDF without shapes; raises ModelError."""
     try:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     except ValueError as error:
@@ -128,7 +128,7 @@ def _sole_corners(spec: Any, robot: Any) -> None:
 
 
 def _vanishes(shape: Any) -> bool:
-    """Whether a shape has no size, which MuJoCo refuses."""
+    """Return true if a shape has no size, which MuJoCo refuses."""
     if hasattr(shape, "radius"):
         return not shape.radius > 0.0
     return hasattr(shape, "halfSide") and not np.all(np.asarray(shape.halfSide) > 0.0)

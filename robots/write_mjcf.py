@@ -87,7 +87,7 @@ def _body(parent: ET.Element, name: str, joint: Row | None, tables: Tables, whee
 
 
 def is_wheel(joint: Row) -> bool:
-    """Whether a joint turns without end."""
+    """Return true for a continuous joint."""
     return joint["type"] == "continuous"
 
 

@@ -20,8 +20,8 @@ from .fields import check_number
 class _ContactForce(Constraint):
     """Rows on the force of the ground on the robot at one contact, named by ``contact``.
 
-    z is the ground's normal: vertical, the contact's ``normal``, or that of ``contact.at(normal=n)``.  x is the x axis of
-    the contact's frame projected on the ground (y instead if x is along the normal).  In these axes the force is f
+    z is the ground's normal: vertical, the contact's ``normal``, or that of ``contact.at(normal=n)``.  x is the x axis
+    of the contact's frame projected on the ground (y instead if x is along the normal).  In these axes the force is f
     ``(3,)`` [N] of a point or a wheel (rolling, lateral, normal), or the wrench [f, m] ``(6,)`` [N, N m] about the
     frame's origin of a face, whose z axis is near the normal.
     """

@@ -1,4 +1,4 @@
-// What one native module has and another one runs.
+// Pass native objects from one module to another.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -8,7 +8,7 @@
 
 namespace hqp {
 
-// Its owner has to outlive what is given the capsule.
+// Its owner must outlive the holder of the capsule.
 inline nanobind::capsule capsule_of(SolveCall* call) { return {call, "hqp.solve_call"}; }
 inline nanobind::capsule capsule_of(Reactions* reactions) { return {reactions, "hqp.reactions"}; }
 inline nanobind::capsule capsule_of(Limiting* limits) { return {limits, "hqp.limiting"}; }

@@ -1,5 +1,5 @@
-// What of a solver, or of rows, goes over from one tick to the next: written into bytes, or read back in the same
-// order; what is large changes hands instead.
+// State of a solver, or of rows, between ticks: written into bytes, or read back in the same order; large parts are
+// moved instead.
 #pragma once
 
 #include <cstddef>
@@ -10,13 +10,13 @@
 
 namespace hqp {
 
-// What is large of it.
+// Large part of it.
 class WarmPart {
  public:
   virtual ~WarmPart() = default;
   virtual void forget() = 0;                              // as new
-  virtual void trim() = 0;                                // memory of what is not known any more
-  virtual std::shared_ptr<WarmPart> another() const = 0;  // as new, with all memory that it may need
+  virtual void trim() = 0;                                // release memory of unknown state
+  virtual std::shared_ptr<WarmPart> another() const = 0;  // a new one, with all memory that it may need
   virtual std::size_t bytes() const = 0;
 };
 
@@ -48,10 +48,10 @@ class CarryOver {
  public:
   static CarryOver to(WarmState& state) { return {state, true}; }
   static CarryOver from(WarmState& state) { return {state, false}; }
-  // The same of all that is not large: what is large stays where it is, as new once it is read back.
+  // State without its large parts: a large part stays in place, and is new after reading.
   static CarryOver to_first(WarmState& state) { return {state, true, true}; }
   static CarryOver from_first(WarmState& state) { return {state, false, true}; }
-  // Room for all of it, whatever it comes to.
+  // Reserve memory for all of it.
   static CarryOver room(WarmState& state) {
     state.room = true;
     CarryOver found{state, true};
@@ -79,13 +79,13 @@ class CarryOver {
     take(&value, 1);
   }
   template <class T>
-  void list(std::vector<T>& values) {  // of a length that changes
+  void list(std::vector<T>& values) {  // list with a varying length
     std::size_t size = values.size();
     take(size);
     if (!writes_) values.resize(size);
     take(values.data(), measures_ ? values.capacity() : size);
   }
-  // What is large, null for nothing known, goes from hand to hand: to another state, and back from it.
+  // Move a large part, null if unknown, between states: to another state, and back from it.
   template <class T>
   void part(std::shared_ptr<T>& mine) {
     if (first_) {

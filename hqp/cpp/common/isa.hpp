@@ -1,4 +1,4 @@
-// Which build of a kernel this machine runs.
+// Select the build of a kernel for this machine.
 #pragma once
 
 namespace hqp {

@@ -1,4 +1,4 @@
-// What rows ask of constraints whose forces have been eliminated, and the bounds that follow.
+// Demands of rows on eliminated constraints, and the resulting bounds.
 #pragma once
 
 namespace hqp {
@@ -7,14 +7,14 @@ class Reactions {
  public:
   virtual ~Reactions() = default;
   virtual int rows() const = 0;
-  // motion (nv) = A^-1 J^T (J A^-1 J^T)^+ asked (m): of least kinetic energy, of the latest elimination.
+  // motion (nv) = A^-1 J^T (J A^-1 J^T)^+ asked (m): motion of least kinetic energy, of the latest elimination.
   virtual void towards(const double* asked, double* motion) = 0;
 };
 
 class Limiting {
  public:
   virtual ~Limiting() = default;
-  // Bounds that stand around a speed stand around what the constraints leave of v (nv); see tasks/limits.py.
+  // Move bounds around a speed to the part of v (nv) that the constraints leave; see tasks/limits.py.
   virtual void limit(const double* v, Reactions& reactions) = 0;
 };
 

@@ -10,9 +10,9 @@ namespace hqp {
 
 class WarmSets {
  public:
-  using Out = std::vector<bool>;  // of each element, whether its rows are none of the set
+  using Out = std::vector<bool>;  // one flag per element whose rows are outside the set
 
-  // The solver goes on with that set: where that ended, or the latest one if it is new.
+  // The solver goes on with that set: Continue the solver with that set:
   template <class Solver>
   void turn(Solver& solver, const Out& out) {
     std::size_t to = 0;

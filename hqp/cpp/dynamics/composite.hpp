@@ -1,4 +1,4 @@
-// What each body of a tree carries: composite inertias, and the rates of their momenta.
+// Subtree quantities of each body: composite inertias, and the rates of their momenta.
 //
 // Composite rigid bodies and recursive Newton-Euler (Featherstone, Rigid Body Dynamics Algorithms, 2008, tables 6.2 and
 // 5.1) with every quantity about one point of space, in the world's axes: nothing is turned from body to body.
@@ -15,7 +15,7 @@ namespace hqp {
 
 class Composite {
  public:
-  // inertias: of all bodies.
+  // inertias: inertias of all bodies.
   Composite(const Tree& tree, std::vector<BodyInertia> inertias)
       : tree_(tree),
         inertias_(std::move(inertias)),
@@ -54,8 +54,8 @@ class Composite {
   const Tree& tree() const { return tree_; }
   const BodyInertia& own(int body) const { return inertias_[body]; }
   const Vec3& origin() const { return origin_; }
-  const Motion& twist(int column) const { return twists_[column]; }     // of a tangent coordinate
-  const Inertia& operator[](int body) const { return carried_[body]; }  // of the body and all it carries
+  const Motion& twist(int column) const { return twists_[column]; }     // twist of a tangent coordinate
+  const Inertia& operator[](int body) const { return carried_[body]; }  // inertia of the body's subtree
   const Form& momentum_rate(int body) const { return forces_[body]; }   // theirs, at zero acceleration
   Form weight(int body, const Vec3& g) const {
     const Inertia& all = carried_[body];

@@ -12,7 +12,7 @@ namespace hqp {
 class EquationOfMotion {
  public:
   // rotors: reflected inertia of each coordinate. A (nv, nv) column-major, whose upper triangle is written, zero
-  // between branches; bias: b + g (nv,). Payloads are none of it.
+  // between branches; bias: b + g (nv,). Payloads are not included.
   EquationOfMotion(const Tree& tree, std::vector<BodyInertia> inertias, std::vector<double> rotors, const Vec3& gravity,
                    double* A, double* bias)
       : bodies_(tree, std::move(inertias)), rotors_(std::move(rotors)), gravity_(gravity), A_(A), bias_(bias) {

@@ -11,7 +11,7 @@ namespace hqp {
 // Continuous: cosine and sine in q. Planar: x, y, cosine and sine in q, along and about the axes of its own body.
 enum class JointKind { kTurning, kContinuous, kSliding, kBall, kFree, kPlanar, kTranslating };
 
-struct Placed {  // fixed in its parent; where its placement in the world goes, the rotation column-major
+struct Placed {  // fixed in its parent; destination of its placement in the world, the rotation column-major
   int parent;
   Vec3 position;
   Mat3 rotation;
@@ -41,13 +41,13 @@ class Kinematics {
   }
 
   int size() const { return size_; }  // numbers of a configuration
-  // How many numbers of a configuration, and of a velocity, a joint has.
+  // Number of entries of a joint in a configuration, and in a velocity.
   static std::pair<int, int> sizes(JointKind kind) {
     const auto [first, count] = unit_part(kind);
     const int q = count ? first + count : kind == JointKind::kTranslating ? 3 : 1;
     return {q, kind == JointKind::kContinuous ? 1 : q == 7 ? 6 : q > 1 ? 3 : 1};
   }
-  // Whether quaternions and pairs of cosine and sine have length one, up to that.
+  // Return true if quaternions and pairs of cosine and sine have length one, up to that.
   bool unit(const double* q, double rounding) const {
     for (const TreeJoint& joint : joints_) {
       const auto [first, count] = unit_part(joint.kind);
@@ -188,7 +188,8 @@ class Kinematics {
   }
 
  private:
-  static std::pair<int, int> unit_part(JointKind kind) {  // first and number of what has length one, at a joint's q
+  static std::pair<int, int> unit_part(
+      JointKind kind) {  // first and number of the entries of length one, in a joint's q
     switch (kind) {
       case JointKind::kContinuous:
         return {0, 2};
@@ -259,7 +260,7 @@ class Kinematics {
     out[0] = cosine;
     normalise(out, 2);
   }
-  static Vec3 screw(const Vec3& u, const Vec3& w) {  // how far a body gets that moves with u and turns with w
+  static Vec3 screw(const Vec3& u, const Vec3& w) {  // displacement of a body that moves with u and turns with w
     const double square = dot(w, w), t = std::sqrt(square);
     const double a = t > 1e-4 ? (1.0 - std::cos(t)) / square : 0.5 - square / 24.0;
     const double b = t > 1e-4 ? (t - std::sin(t)) / (square * t) : 1.0 / 6.0 - square / 120.0;

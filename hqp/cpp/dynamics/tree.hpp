@@ -12,7 +12,7 @@ struct Body {  // a link and the joint that carries it; the first of a tree is t
   int parent;
   int first, count;  // tangent coordinates of the joint
   double mass;
-  Vec3 centre;                        // of mass, in the body's axes
+  Vec3 centre;                        // centre of mass, in the body's axes
   const double *position, *rotation;  // live placement, the rotation column-major
 };
 
@@ -85,8 +85,8 @@ class Tree {
     return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
   }
 
-  double own_mass(int body) const { return own_[body]; }         // of the body with its payloads
-  double mass(int body) const { return masses_[body]; }          // of the body and all it carries
+  double own_mass(int body) const { return own_[body]; }         // mass centre of the body with its payloads
+  double mass(int body) const { return masses_[body]; }          // mass of the body's subtree
   const Vec3& moment(int body) const { return moments_[body]; }  // their mass times their centre
   const Vec3& centre(int body) const { return centres_[body]; }  // of the body with its payloads
   bool carries(int carrier, int body) const {
@@ -95,7 +95,7 @@ class Tree {
   }
 
  private:
-  void take_up() {  // masses and centres of the bodies with what they carry
+  void take_up() {  // compute masses and centres of the subtrees
     for (std::size_t i = 0; i < bodies_.size(); ++i) own_[i] = bodies_[i].mass;
     for (const Carried& load : carried_) {
       const Vec3 p = load.at();

@@ -55,10 +55,10 @@ class Assembly : public Limiting {
     tree_.need_motions();
   }
 
-  // Rows that are written between those of native operations and the laws: where they stand in J and, of inequalities,
-  // in the bounds (first, last).
+  // Rows that are written between those of native operations and the laws: their place in J and, for inequalities, in
+  // the bounds (first, last).
   void written(Parts rows, Parts bounds) { written_ = std::move(rows), bounded_ = std::move(bounds); }
-  // Whether an element is out from now on: its rows, from start to stop, are free, and nothing stands on it.
+  // Switch an element out or in from now on: its rows, from start to stop, are free, and nothing stands on it.
   void out(const std::string& name, int start, int stop, bool out) {
     demands_->free(start, stop, out);
     for (const auto& operation : operations_) operation->stand(name, !out);
@@ -86,7 +86,7 @@ class Assembly : public Limiting {
         one->around(left_.data(), held_back_.data());
     }
   }
-  // g (nv): what has to be held up at rest, with loads, after the rows.
+  // g (nv): generalised gravity force with loads, after the rows.
   void weight(double* g) {
     equation_->weight(g);
     loads_.weigh(tree_, equation_->gravity(), g);
@@ -95,7 +95,7 @@ class Assembly : public Limiting {
     for (const auto& operation : operations_) operation->keep(state);
   }
   int operations() const { return static_cast<int>(operations_.size()); }
-  // These elements hold what they are at, or what they held where no operation tells it, after the kinematics.
+  // Renew the hold values of these elements after the kinematics, or keep the declared ones if no operation has them.
   void take_holds(const double* q, const double* v, std::vector<Slot*>& renewed) {
     if (!renewed.empty()) tree_.update(v);
     for (Slot* slot : renewed) {
@@ -111,7 +111,7 @@ class Assembly : public Limiting {
     }
     renewed.clear();
   }
-  // How far beyond their limits the rows of an operation, -1 for none, come to rest: see Operation::overrun.
+  // Distance beyond their limits at which the rows of an operation, -1 for none, come to rest: see Operation::overrun.
   void overrun(int operation, const double* q, const double* v, std::vector<double>& over) {
     over.clear();
     if (operation >= 0) operations_[operation]->overrun(q, v, over);
@@ -139,11 +139,11 @@ class Assembly : public Limiting {
   Tree tree_;
   std::unique_ptr<EquationOfMotion> equation_;
   std::vector<std::unique_ptr<Operation>> operations_;
-  std::vector<Operation*> limits_;  // those around a speed
+  std::vector<Operation*> limits_;  // operations with bounds around a speed
   std::unique_ptr<Demands> demands_;
   Parts written_, bounded_;
   std::vector<double> held_;
-  std::vector<double> speed_, braking_, left_, held_back_;  // of rows of constraints, of coordinates
+  std::vector<double> speed_, braking_, left_, held_back_;  // one entry per row of constraints, per coordinate
   KnownLoads loads_;
   double largest_ = 0.0;
 };

@@ -17,7 +17,7 @@ struct Barrier {
   double fastest(double way) const {  // largest velocity towards a bound
     return way >= 0.0 ? rate * way : -recovery * std::tanh(rate * -way / recovery);
   }
-  // That of the next tick, at a speed in this one.
+  // Speed of the next tick, at a speed in this one.
   double next(double way, double speed) const {
     const double wanted = fastest(way), outwards = std::max(speed, 0.0);
     if (!(way < 0.0)) return wanted;
@@ -34,10 +34,10 @@ struct Barrier {
   static constexpr double kFast = 4.0;  // the second pole over the first
 };
 
-struct Numbers {  // what an operation writes into besides the rows of its element
+struct Numbers {  // buffers of an operation besides the rows of its element
   explicit Numbers(int m, int nv)
       : J(static_cast<std::size_t>(m) * nv), error(m), drift(m), lower(m), upper(m), zeros(m) {}
-  // J: where the rows go, its own for null. reference: null for zero, else of so many numbers.
+  // J: destination of the rows, its own for null. reference: null for zero, else of so many numbers.
   Target target(double* rows, const double* reference, std::size_t given, double weight, int nv, bool moving) {
     return {rows ? rows : J.data(),
             error.data(),
@@ -109,7 +109,7 @@ class Within final : public Operation {
   void keep(CarryOver& state) override { task_->keep(state); }
 
  private:
-  void make_rate(double* J, const double* v) {  // of angular velocities rates of the rotation vector
+  void make_rate(double* J, const double* v) {  // turns angular velocities into rates of the rotation vector
     const Vec3 turn = load(own_->error.data() + turn_);
     const RotationVector vector(turn), back(-1.0 * turn);
     double *drift = own_->drift.data() + turn_, *along = along_.data() + turn_, *push = push_.data() + turn_;

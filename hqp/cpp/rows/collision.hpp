@@ -28,7 +28,7 @@ struct CollisionScene {
   std::vector<std::vector<int>> chains;  // coordinates that move each body
   std::vector<std::array<int, 2>> pairs;
   std::vector<double> clearances;
-  std::int32_t* slots;  // (m,) live: what has each row, -1 for none
+  std::int32_t* slots;  // (m,) live: number of the pair or end in each row, -1 for none
   int rows;
   double influence, rate, recovery, outset, step, dt;
   int order;
@@ -83,9 +83,9 @@ class Collision final : public Operation {
   const std::array<int, 2>& pair_of(int row) const { return s_.pairs[row % count_]; }
   bool is_link(int k) const { return k < static_cast<int>(s_.links.size()); }
   int body(int k) const { return is_link(k) ? s_.links[k].body : 0; }
-  // What a shape moves with: its body, itself in the world.
+  // Carrier of a shape: its body, itself in the world.
   std::size_t owner(int k) const { return body(k) ? body(k) : s_.chains.size() + k; }
-  std::vector<int> apart(int one, int two) const {  // what moves the first body only
+  std::vector<int> apart(int one, int two) const {  // coordinates that move the first body only
     std::vector<int> found;
     for (const int c : s_.chains[one])
       if (std::find(s_.chains[two].begin(), s_.chains[two].end(), c) == s_.chains[two].end()) found.push_back(c);
@@ -147,14 +147,14 @@ class Collision final : public Operation {
     }
   }
 
-  Segment world_axis(int j, double h) const {  // of a capsule of the world, a time h later
+  Segment world_axis(int j, double h) const {  // axis of a capsule of the world, a time h later
     const double* T = pose(j);
     const Vec3 origin = Vec3{T[3], T[7], T[11]} + h * load(T + 16), axis{T[2], T[6], T[10]};
     const Vec3 half = 0.5 * s_.world[j - s_.links.size()].size[1] * (axis + h * cross(load(T + 20), axis));
     return {origin - half, origin + half};
   }
 
-  // h: how much later the world's shapes are.
+  // h: time offset of the world's shapes.
   Distance measure(int row, Segment one, Segment two, double h = 0.0) const {
     const auto [i, j] = pair_of(row);
     const int end = row / count_;
@@ -260,11 +260,11 @@ class Collision final : public Operation {
     return -(fast + s_.rate) * speed - fast * s_.rate * (h + s_.influence * power / (1.0 - power));
   }
 
-  // How the rate changes at zero acceleration, bodies moved by their velocities for a moment either way. Where the
-  // nearest point or the normal jumps in between, that of the points that are nearest now. Of capsules side by side a
+  // Change of the rate at zero acceleration, with bodies moved by their velocities for a moment either way. If the
+  // nearest point or the normal jumps in between, use the points that are nearest now. For capsules side by side a
   // nearest point that slides from end to end counts with a bound: the ends have rows of their own, which see it.
   double drift(int row) const {
-    constexpr double kJump = 0.01, kTurn = 0.9, kSlide = 2.0;  // as in tasks/collision_motion.py
+    constexpr double kJump = 0.01, kTurn = 0.9, kSlide = 2.0;  // see tasks/collision_motion.py
     const auto [i, j] = pair_of(row);
     const double h = s_.step, beside = row < count_ ? beside_[row] : 0.0;
     const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
@@ -279,7 +279,7 @@ class Collision final : public Operation {
     const double most = kSlide * s_.outset / beside;
     return held + std::min(std::max(sliding - held, -most), most);
   }
-  double rate(int row, const Distance& found, double h) const {  // of a pair's distance, after a time h
+  double rate(int row, const Distance& found, double h) const {  // rate of a pair's distance, after a time h
     const auto [i, j] = pair_of(row);
     return dot(found.normal, velocity(j, h, found.point) - velocity(i, h, found.point));
   }

@@ -1,4 +1,4 @@
-// Centre of mass of the robot or of what one of its joints carries.
+// Centre of mass of the robot or of the subtree of one of its joints.
 #pragma once
 
 #include "rows.hpp"

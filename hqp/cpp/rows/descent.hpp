@@ -12,7 +12,7 @@
 
 namespace hqp {
 
-// An element whose rows tell its error: rows of errors, or of bounds whose violation grows at `rate` with it.
+// Error of an element in its rows: rows of errors, or of bounds whose violation grows at `rate` with it.
 struct Told {
   int start, stop;
   double rate;  // 0 for equalities
@@ -48,7 +48,7 @@ class Descent {
   const std::vector<double>& errors() const { return best_errors_; }
   int taken() const { return taken_; }
 
-  // solve(q): x there, null where there is none; rows, the errors of all rows, lower and upper are then those of q.
+  // solve(q): x there, null if there is none; rows, the errors of all rows, lower and upper are then those of q.
   template <typename Solve>
   End run(const double* start, double tolerance, int most, Clock::time_point end, const Solve& solve,
           const Kinematics& robot, const double* rows, const double* lower, const double* upper) {
@@ -111,7 +111,7 @@ class Descent {
     best_q_ = q_;
     best_errors_ = errors_;
   }
-  bool advanced() const {  // whether the first group that is unmet has fallen, or is met
+  bool advanced() const {  // true if the first unmet group has decreased, or is met
     for (std::size_t i = 0; i < merit_.size(); ++i)
       if (merit_[i] != mark_[i]) return merit_[i] < pace_.progress * mark_[i] || merit_[i] == 1.0;
     return false;

@@ -1,4 +1,4 @@
-// Descents as Python asks for them: the elements of a stack, one start after another.
+// Python interface of descents: the elements of a stack, one start after another.
 #pragma once
 
 #include <memory>
@@ -24,7 +24,8 @@ class Descents {
   // Take the references of all descents to follow; false for one that is out of the ordinary.
   bool aim(const nb::tuple& references) { return assembly_.take(references); }
 
-  // From q, which is where the best found is afterwards, as are its merit and errors; how it ended, steps taken.
+  // From q, which is where the best found is afterwards, as are its merit and errors; returns the outcome and the
+  // number of steps.
   std::tuple<int, int> run(const Written& q, const Written& merit, const Written& errors, double tolerance, int most,
                            double seconds) {
     const auto end = hqp::Clock::now() + std::chrono::duration_cast<hqp::Clock::duration>(

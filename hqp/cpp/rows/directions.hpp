@@ -8,13 +8,13 @@ namespace hqp {
 
 constexpr double kNear = 1e-6;  // least distance to which there is a direction [m]
 
-struct Axis {  // of a frame: a unit vector in its axes, and two across it
+struct Axis {  // axis of a frame: a unit vector in its axes, and two across it
   Vec3 along, first, other;
 };
 
-struct Sight {  // where an axis should point, and how that direction changes as the frame's origin moves
+struct Sight {  // desired direction of an axis, and its change as the frame's origin moves
   Vec3 direction;
-  double distance;  // of the point, infinite for a direction
+  double distance;  // distance of the point, infinite for a direction
 };
 
 inline Sight sight(const double* reference, const Vec3& origin, bool point) {
@@ -25,7 +25,7 @@ inline Sight sight(const double* reference, const Vec3& origin, bool point) {
   return {(1.0 / d) * way, d};
 }
 
-// Where an axis points: its direction, or the point 1 m ahead.
+// Direction of an axis: its direction, or the point 1 m ahead.
 inline bool ahead(const Vec3& origin, const Vec3& along, bool point, double* value) {
   for (int i = 0; i < 3; ++i) value[i] = (point ? origin[i] : 0.0) + along[i];
   return true;
@@ -58,7 +58,7 @@ class Pointing final : public Operation, Rows {  // two rows across an axis; ref
  private:
   void write_drift(const Sight& s, const Vec3& p, const Vec3 (&B)[2]) {
     const Vec3 omega = motion().angular, alpha = body_drift().angular, &w = s.direction;
-    Vec3 turn{}, rate{};  // of the line of sight, and how that changes
+    Vec3 turn{}, rate{};  // angular velocity of the line of sight, and its change
     if (point_) {
       const Vec3 v = motion().at(p), a = tree_.point_drift(frame_.body, p);
       const double closing = dot(w, v), share = 1.0 / s.distance;
@@ -132,7 +132,7 @@ class Cone final : public Operation, Rows {  // an axis no further than an angle
 
   static Vec3 across_of(const Vec3& x, const Vec3& w) { return x - dot(w, x) * w; }
 
-  Vec3 rate(const Sight& s, const Vec3& p) const {  // of the direction
+  Vec3 rate(const Sight& s, const Vec3& p) const {  // rate of the direction
     const Vec3 carried = load(out_.reference + 3);
     if (!point_) return across_of(carried, s.direction);
     return (-1.0 / s.distance) * across_of(motion().at(p) - carried, s.direction);

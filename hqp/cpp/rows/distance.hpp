@@ -1,4 +1,4 @@
-// Distances between a capsule and other shapes: the same steps as tasks/distances.py.
+// Distances between a capsule and other shapes: steps equal to those of tasks/distances.py.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Rows of a transition ask for what another stack gives, or for something on the way there, ahead of their solve: the
+// Rows of a transition request the motion of another stack, or a point on the way there, ahead of their solve: the
 // equations of hqp/transition/easing.py.
 #pragma once
 
@@ -17,7 +17,7 @@ using RowBlock = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device
 
 class EasedRows final : public hqp::SolveCall {
  public:
-  // Live rows A (m, n) and their bounds; error and pull (m): what b is linear in, where it is.
+  // Live rows A (m, n) and their bounds; error and pull (m): parts of the error on which b depends linearly.
   void add(const RowBlock& A, const Written& lower, const Written& upper, const std::optional<Vector>& error,
            const std::optional<Vector>& pull) {
     const std::size_t m = A.shape(0);
@@ -30,7 +30,7 @@ class EasedRows final : public hqp::SolveCall {
     kept_.append(nb::make_tuple(A, lower, upper, error, pull));
   }
 
-  // That share k of the way from the other stack's x (n); here: b without the error.
+  // Set the share k of the way from the other stack's x (n); here: b without the error.
   void aim(const Vector& other, double k, bool here) {
     if (other.shape(0) != n_) throw nb::value_error("x: wrong shape");
     other_.assign(other.data(), other.data() + n_);

@@ -53,7 +53,7 @@ class HoldingTorque final : public Operation {
   struct Held {
     int column;
     Vec3 down;                           // minus gravity over the limit
-    std::vector<int> carried, carrying;  // coordinates of the joint and of what it carries, of what carries it
+    std::vector<int> carried, carrying;  // coordinates of the joint's subtree, coordinates of its ancestors
   };
 
   void gather() {  // first and second derivative of the moments of all that each body carries, at zero acceleration
@@ -69,7 +69,7 @@ class HoldingTorque final : public Operation {
       changes_[parent] = changes_[parent] + changes_[b];
     }
   }
-  Vec3 second(int c) const {  // derivative of what a coordinate moves
+  Vec3 second(int c) const {  // derivative of a coordinate's subtree
     const int b = tree_.owner(c);
     const Motion twist{load(tree_.twist(c)), load(tree_.twist(c) + 3)}, t1 = cross(tree_.motion(b), twist);
     const Motion t2 = cross(tree_.drift(b), twist) + cross(tree_.motion(b), t1);
@@ -80,7 +80,7 @@ class HoldingTorque final : public Operation {
   Target out_;
   const Tree& tree_;
   std::vector<Held> held_;
-  std::vector<Vec3> moved_;  // mass times velocity of the centre of mass of what a coordinate carries
+  std::vector<Vec3> moved_;  // mass times velocity of the centre of mass of a coordinate's subtree
   std::vector<Vec3> rates_, changes_;
 };
 

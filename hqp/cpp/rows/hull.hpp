@@ -12,7 +12,7 @@
 
 namespace hqp {
 
-struct Corner {  // of a polygon: a point of a frame, or of the world
+struct Corner {  // corner of a polygon: a point of a frame, or of the world
   bool fixed;
   Frame frame;
   Vec3 point;
@@ -45,7 +45,7 @@ class Hull {
   const std::vector<int>& corners() const { return hull_; }  // counter-clockwise
 
  private:
-  static constexpr double kFlat = 2e-5;  // a corner this near to the line between its neighbours is none [m]
+  static constexpr double kFlat = 2e-5;  // a corner this near to the line between its neighbours does not count [m]
 
   void place() {
     for (std::size_t i = 0; i < corners_.size(); ++i) {
@@ -77,7 +77,7 @@ class Hull {
       if (!hull_.empty()) hull_.pop_back();
       std::reverse(order_of_.begin(), order_of_.end());
     }
-    if (hull_.empty() && !order_of_.empty()) hull_.push_back(order_of_[0]);  // of points that are one
+    if (hull_.empty() && !order_of_.empty()) hull_.push_back(order_of_[0]);  // all points coincide
     while (hull_.size() > 3) {
       std::size_t least = 0;
       double smallest = std::numeric_limits<double>::infinity();

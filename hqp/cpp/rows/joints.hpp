@@ -113,7 +113,7 @@ class Frozen final : public Operation {  // joints that stay where they were
   int order_;
 };
 
-struct Limits {  // of each joint, infinite for none; see JointLimits for the equations
+struct Limits {  // limits of each joint, infinite for none; see JointLimits for the equations
   std::vector<double> low, high, speed, acceleration, braking;
   double approach, return_velocity;  // approach [1/s], infinite for none
   double dt;
@@ -141,7 +141,7 @@ class JointBox final : public Operation {  // one consistent box for the next st
       for (double* side : {out_.lower, out_.upper}) side[i] = out_.weight * (side[i] - braking[column]);
     }
   }
-  // Of each joint max(0, dt (n |v| - a dt n (n + 1) / 2) - d),  n = floor(|v| / (a dt)), d being the way left to the
+  // For each joint max(0, dt (n |v| - a dt n (n + 1) / 2) - d), n = floor(|v| / (a dt)), with d the distance to the
   // limit ahead: the way of the velocities |v| - a dt, |v| - 2 a dt, ... Without a window it stops at once.
   void overrun(const double* q, const double* v, std::vector<double>& over) override {
     const Limits& l = limits_;

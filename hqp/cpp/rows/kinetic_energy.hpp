@@ -12,7 +12,7 @@ namespace hqp {
 
 class KineticEnergy final : public Operation {
  public:
-  // inertias: of all bodies. rotors: reflected inertia of each coordinate.
+  // inertias: inertias of all bodies. rotors: reflected inertia of each coordinate.
   KineticEnergy(Target out, const Tree& tree, const std::vector<BodyInertia>& inertias, std::vector<double> rotors)
       : out_(out),
         tree_(tree),

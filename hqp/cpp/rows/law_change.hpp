@@ -2,8 +2,8 @@
 //
 //   b = (1 - s) b_old + s b_new,     s from 0 to 1 in a straight line, in 1/k seconds
 //
-// k [1/s] is the pace of the stiffer of the two laws. So the switch changes what is asked by no more than
-// k |b_new - b_old| a second: no faster than the stiffer law changes it by itself while it closes the error.
+// k [1/s] is the pace of the stiffer of the two laws. So the switch changes the demand by at most k |b_new - b_old| per
+// second: no faster than the stiffer law changes it by itself while it closes the error.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace hqp {
 
-struct Saturation {  // of the rows of one element; damping: its largest kd
+struct Saturation {  // saturation of the rows of one element; damping: its largest kd
   int start, stop;
   double fastest, hardest, damping;
 };
@@ -58,7 +58,7 @@ class LawChange {
   }
 
   bool going() const { return !former_.empty(); }
-  // Tells each law that holds beside its own, and the share of each row.
+  // Pass each law that holds beside its own, and the share of each row.
   template <class Tell>
   void beside(const Tell& tell) const {
     for (const std::size_t k : former_)
@@ -82,8 +82,8 @@ class LawChange {
   int start_;
   std::size_t rows_, law_ = 0;
   std::vector<RowsLaw> laws_;
-  std::vector<std::size_t> former_;            // as they were left
-  std::vector<double> pace_, before_, share_;  // before: where it began to go over
+  std::vector<std::size_t> former_;            // order of their end
+  std::vector<double> pace_, before_, share_;  // before: share at the start of the change
   double age_ = 0.0;
 };
 

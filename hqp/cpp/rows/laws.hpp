@@ -13,8 +13,8 @@
 
 namespace hqp {
 
-// How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand, none
-// at all.
+// Ways from rows to bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand,
+// none at all.
 enum Kind : std::int8_t { kEquality = 0, kLimited = 1, kBounded = 2, kFree = 3 };
 
 struct Laws {  // live arrays, (total,) but for J (m, nv) row-major and the coordinates that the rows after it pick
@@ -43,7 +43,7 @@ class Demands {
     for (int i = start; i < stop; ++i) l_.kind[i] = out ? std::int8_t(kFree) : declared_[std::size_t(i)];
   }
 
-  // A law that the element of its rows may go over to, and its number; the first one is what it has, number 0.
+  // A law that the element of its rows may go over to, and its number; the first one, number 0, is the initial law.
   std::size_t add(RowsLaw law) {
     LawChange* known = change(law.held.start, law.held.stop);
     if (!known) {
@@ -74,19 +74,18 @@ class Demands {
   const double* upper() const { return l_.upper; }
   int size() const { return l_.total; }
 
-  // Of rows of J, from first to last.
+  // Sum of squares of rows of J, from first to last.
   double squared(int first, int last) const {
     return hqp::squared(l_.J + static_cast<std::ptrdiff_t>(first) * l_.nv, (last - first) * l_.nv);
   }
-  // Whether no bounds are crossed, NaN, or infinite on one side alone.
+  // Return true if no bounds are crossed, NaN, or infinite on one side alone.
   bool apart(int first, int last) const {
     for (int i = first; i < last; ++i)
       if (!(l_.upper[i] - l_.lower[i] >= 0.0)) return false;
     return true;
   }
 
-  // What the laws of the first m rows take away of their speeds no slower than at a rate, and with which deceleration;
-  // false for nothing.
+  // Speed that the laws of the first m rows remove at no less than a rate, and the deceleration; false for nothing.
   bool takes(int m, double rate, double* speed, double* braking) const {
     bool any = false;
     for (int i = 0; i < m; ++i) {
@@ -153,7 +152,7 @@ class Demands {
     for (int i = s.start; i < s.stop; ++i) a[i] *= factor;
   }
 
-  // The law of a row whose value may still go `way`: its error is -way. No bound, an infinite way, is none after it.
+  // The law of a row whose value may still go `way`: its error is -way. An infinite distance has no bound.
   double towards(int i, double way) const {
     double asked = feedback(i, way, l_.kp[i], l_.kd[i], saturation_[i]);
     const double own = asked;
@@ -198,7 +197,7 @@ class Demands {
       if (each.is_of(start, stop)) return &each;
     return nullptr;
   }
-  // What the laws beside those of the rows ask for, by their shares.
+  // Add the demands of the laws beside those of the rows, by their shares.
   void mix() {
     if (std::none_of(changes_.begin(), changes_.end(), [](const LawChange& each) { return each.going(); })) return;
     std::copy_n(l_.demand, l_.total, own_.begin()), own_damper_ = damper_;
@@ -222,8 +221,8 @@ class Demands {
   std::vector<std::int8_t> declared_;  // kinds of all rows
   std::vector<double> damper_, speed_;
   std::vector<LawChange> changes_;
-  std::vector<double> own_, own_damper_, pull_, brake_;  // of a tick in which other laws hold as well
-  std::vector<const Saturation*> saturation_;            // of each row, null for none
+  std::vector<double> own_, own_damper_, pull_, brake_;  // used in ticks with other laws as well
+  std::vector<const Saturation*> saturation_;            // one per row, null for none
 };
 
 }  // namespace hqp

@@ -88,7 +88,7 @@ class Assembly {
     if (const hqp::Slot* slot = loop_.find(name)) rows_.overrun(slot->operation, q.data(), v.data(), over);
     return over;
   }
-  // The same now, where no step follows.
+  // Update immediately, if no step follows.
   void look(const Vector& q, const Vector& v) {
     if (kinematics_) kinematics_->update(q.data());
     rows_.take_holds(q.data(), v.data(), renewed_);
@@ -98,9 +98,9 @@ class Assembly {
     if (!slot || slot->hold.size() != value.size()) throw nb::key_error(name.c_str());
     std::copy(slot->hold.begin(), slot->hold.end(), value.data());
   }
-  // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; call: the same without
-  // Python, where there is one. values: x and slack, active: marks, both its own. command: what of x is one. largest: a
-  // demand beyond it is out of the ordinary.
+  // solve: solve of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; call: the native
+  // solve, if there is one. values: x and slack, active: marks, both its own. command: entries of x that form the
+  // command. largest: a demand beyond it is out of the ordinary.
   void answers(const nb::object& solve, const std::optional<nb::capsule>& call, const Vector& values,
                const Marks& active, Ints command, double largest) {
     solve_ = solve;
@@ -113,13 +113,13 @@ class Assembly {
     rows_.largest(largest);
   }
 
-  // Rows that are written between those of native operations and the laws: where they stand in J and, of inequalities,
-  // in the bounds (first, last).
+  // Rows that are written between those of native operations and the laws: their place in J and, for inequalities, in
+  // the bounds (first, last).
   void written(const Parts& rows, const Parts& bounds) { rows_.written(pairs(rows), pairs(bounds)); }
 
   // References, rows, laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts,
   // marks, points of stages where there were any, q and v of a tick of arrays and, at velocity level, where q comes to,
-  // 1 where marks are others than in the record before + 2 for stages]; what solve returned where that is no optimum;
+  // 1 where marks are others than in the record before + 2 for stages]; the result of solve if it is not an optimum;
   // None where a reference, a row or a demand is out of the ordinary. v None for the x of the record before, at
   // velocity level; write: Python's rows, whether all are there.
   nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh, nb::handle write) {
@@ -159,8 +159,8 @@ class Assembly {
     return rows_.usable() ? answered(velocity, at.data(), v.is_none() ? nullptr : speed.data()) : nb::none();
   }
 
-  // The same without Python's objects, for many configurations at rest under the same references: x, null for what is
-  // out of the ordinary or was not solved; rows alone.
+  // Solve without Python's objects, for many configurations at rest under equal references: x, null for an
+  // extraordinary or unsolved tick; rows alone.
   bool take(const nb::tuple& references) { return loop_.take(references, true); }
   bool write(const double* q, const double* v) {
     rows_.operate(q, v);
@@ -246,7 +246,7 @@ class Assembly {
     return found;
   }
 
-  std::vector<nb::object> kept_;  // before what points into it
+  std::vector<nb::object> kept_;  // declared before the pointers into it
   hqp::Assembly rows_;
   hqp::Kinematics* kinematics_ = nullptr;
   hqp::Loop loop_;

@@ -1,4 +1,4 @@
-// Forward kinematics as Python asks for it: a robot's joints and frames, and their live views.
+// Python interface of forward kinematics: a robot's joints and frames, and their live views.
 #pragma once
 
 #include <vector>
@@ -24,7 +24,7 @@ class LiveKinematics {
   }
 
  private:
-  std::vector<nb::object> kept_;  // before what points into it
+  std::vector<nb::object> kept_;  // declared before the pointers into it
   hqp::Kinematics kinematics_;
   nb::object twists_;
 };

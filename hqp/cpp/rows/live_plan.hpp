@@ -1,5 +1,5 @@
-// Python's objects as plans: those of hqp/declare/plans.py, and NumPy arrays, taken as they are: a converted copy would
-// never change.
+// Python's objects as plans: objects of hqp/declare/plans.py, and NumPy arrays in place: a converted copy would never
+// change.
 #pragma once
 
 #include <cstdint>
@@ -32,7 +32,7 @@ using Slots = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::c
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
-// Keeps alive what it gives pointers into.
+// Keeps the arrays behind its pointers alive.
 class LivePlan : public hqp::PlanOf<LivePlan> {
  public:
   LivePlan(nb::object object, std::vector<nb::object>& kept) : object_(std::move(object)), kept_(&kept) {}

@@ -9,9 +9,9 @@ namespace hqp {
 
 struct KnownLoad {
   Frame frame;
-  const double* value;  // mass and point (3,) in the frame's axes of a payload; force and moment of a wrench
+  const double* value;  // mass and point (3,) in the frame's axes position of a payload; force and moment of a wrench
   bool wrench, local;   // local: the wrench is in the frame's axes
-  bool resisted;        // whether what holds the robot up holds it against the load, too
+  bool resisted;        // true if the holding torque compensates the load, too
 };
 
 class KnownLoads {
@@ -46,7 +46,7 @@ class KnownLoads {
     }
   }
 
-  // What they add to g (nv).
+  // Contribution of the loads to g (nv).
   void weigh(const Tree& tree, const Vec3& gravity, double* g) const {
     for (const KnownLoad& load : loads_) {
       if (load.wrench) {

@@ -1,7 +1,7 @@
 // One tick in one call: references in, rows and laws, a solver, the command out.
 //
-// It takes what is ordinary. Anything else (a reference for nobody, of another shape or not finite, rows too large) is
-// left to the general path of a session, which says what is wrong.
+// It handles ordinary ticks. The general path of a session handles the rest (an unknown element, another shape, a value
+// that is not finite, rows too large) and reports the fault.
 #pragma once
 
 #include <chrono>
@@ -27,7 +27,7 @@ struct ReferenceFields {
 // contiguous.
 class Doubles {
  public:
-  // known: to hold doubles, as the arrays of a State do; NumPy spells a format out each time it is asked.
+  // known: to hold doubles, as the arrays of a State do; NumPy builds the format text at each request.
   explicit Doubles(nb::handle array, bool known = false) : known_(known) {
     held_ = PyObject_GetBuffer(array.ptr(), &view_, known ? PyBUF_ND : PyBUF_ND | PyBUF_FORMAT) == 0;
     if (!held_) PyErr_Clear();
@@ -41,7 +41,7 @@ class Doubles {
     const bool doubles = held_ && (known_ || (view_.format && !std::strcmp(view_.format, "d")));
     return doubles ? static_cast<const double*>(view_.buf) : nullptr;
   }
-  // Copied in row-major order, whatever the strides; false where the object is no such array.
+  // Copy in row-major order, for any strides; false where the object is no such array.
   static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
     const Doubles numbers(array, PyBUF_STRIDES | PyBUF_FORMAT);
     return numbers.data() && numbers.has(shape, dimensions) &&
@@ -85,8 +85,7 @@ class Loop {
       if (!take(reference)) return false;
     return true;
   }
-  // The same of targets alone, by name; an element that has more to say to its target than what it has to be is out of
-  // the ordinary, too.
+  // Aim by targets alone, by name; a target with more than a value is left to the general path, too.
   bool aim(const nb::dict& targets, bool fresh) {
     settle(slots_, fresh);
     PyObject *name = nullptr, *value = nullptr;
@@ -105,7 +104,7 @@ class Loop {
  private:
   bool take(nb::handle reference) {
     if (reinterpret_cast<PyObject*>(Py_TYPE(reference.ptr())) != reference_.ptr()) return false;
-    const nb::object given = nb::steal(PyObject_GenericGetDict(reference.ptr(), nullptr));  // the rest is None
+    const nb::object given = nb::steal(PyObject_GenericGetDict(reference.ptr(), nullptr));  // other fields are None
     if (!given.is_valid()) nb::raise_python_error();
     const nb::handle name = field(given, fields_.name);
     PyObject* found = name.is_valid() ? PyDict_GetItem(index_.ptr(), name.ptr()) : nullptr;
@@ -127,7 +126,7 @@ class Loop {
     return found == Py_None ? nullptr : found;
   }
 
-  // Numbers of that shape; null leaves what is there.
+  // Numbers of that shape; null keeps the present numbers.
   static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
     return !array.is_valid() || (to && Doubles::copy(array, to, shape, dimensions));
   }

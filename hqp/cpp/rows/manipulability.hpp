@@ -1,4 +1,4 @@
-// How far a frame is from a singular posture; see tasks/manipulability.py for the equations.
+// Manipulability of a frame; see tasks/manipulability.py for the equations.
 #pragma once
 
 #include <array>

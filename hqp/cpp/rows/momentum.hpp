@@ -8,7 +8,7 @@ namespace hqp {
 
 class Momentum final : public Operation {
  public:
-  // picked: of linear x, y, z, angular x, y, z. inertias: of all bodies.
+  // picked: selected rows among linear x, y, z, angular x, y, z. inertias: inertias of all bodies.
   Momentum(Target out, const Tree& tree, std::vector<int> picked, std::vector<BodyInertia> inertias)
       : out_(out), tree_(tree), picked_(std::move(picked)), bodies_(tree, std::move(inertias)) {}
 

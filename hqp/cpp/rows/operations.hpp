@@ -1,4 +1,4 @@
-// The operation that a plan of hqp/declare/plans.py asks for, by the name of its class.
+// Make the operation of a plan of hqp/declare/plans.py, by the name of its class.
 #pragma once
 
 #include <memory>

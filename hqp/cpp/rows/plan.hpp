@@ -1,4 +1,4 @@
-// What an operation is made of, read field by field: from an object of hqp/declare/plans.py, or from a file.
+// Field-by-field access to a plan: from an object of hqp/declare/plans.py, or from a file.
 #pragma once
 
 #include <algorithm>
@@ -25,7 +25,7 @@ inline Vec3 vector(const std::vector<double>& a) {
 }
 
 // Self reads: name() of the plan's class; is_none(), number(), integer(), flag(), ints(), numbers(), of itself;
-// has(field), part(field), texts(field) and parts(), what it holds; doubles(count), longs(count), bytes(count) and
+// has(field), part(field), texts(field) and parts(), for its fields; doubles(count), longs(count), bytes(count) and
 // size(), live arrays.
 template <class Self>
 class PlanOf {
@@ -40,7 +40,7 @@ class PlanOf {
     if (found.size() != count) throw std::invalid_argument(std::string(field) + " has a wrong size");
     return found;
   }
-  // One of `count` things, by its place; of a list, each.
+  // One of `count` things, by its place; for a list, each of its entries.
   int place(std::size_t count) const { return checked(self().integer(), count); }
   std::vector<int> places(std::size_t count) const {
     std::vector<int> found = self().ints();
@@ -73,7 +73,7 @@ class PlanOf {
     if (other.is_none()) return {};
     return {other.frame("frame", tree), other.flag("heading"), other.number("upright")};
   }
-  // Of a robot of nv coordinates whose configuration has nq numbers.
+  // Joints of a robot of nv coordinates whose configuration has nq numbers.
   Joints joints(std::size_t nv, std::size_t nq) const {
     std::vector<bool> continuous;
     for (const Self& one : parts("continuous")) continuous.push_back(one.flag());

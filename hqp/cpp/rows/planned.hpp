@@ -1,4 +1,4 @@
-// What rows are made of, as a plan has it: tree, operations, laws, places of references; of Python or of a file.
+// Make rows from a plan: tree, operations, laws, places of references; from Python or from a file.
 #pragma once
 
 #include <algorithm>
@@ -117,7 +117,7 @@ RowsLaw rows_law(const Plan& p, int start, int stop) {
   return {
       {start, stop, held[0], held[1], held[2]}, p.numbers("kp", rows), p.numbers("kd", rows), p.numbers("pace", rows)};
 }
-// Where the reference of an element goes; operations: how many there are.
+// Buffers of an element's reference; operations: number of operations.
 template <class Plan>
 Slot slot(const Plan& p, int operations) {
   Slot slot;
@@ -150,7 +150,7 @@ void add_dynamics(Assembly& rows, const Plan& p) {
   rows.dynamics(p.inertias("inertias"), p.numbers("rotors"), load(p.doubles("gravity", 3)), p.doubles("A", n * n),
                 p.doubles("bias", n));
 }
-// A load whose value is live; payloads count for centres of mass, too. Where its reference goes.
+// A load whose value is live; payloads count for centres of mass, too. Returns the slot of its reference.
 template <class Plan>
 Slot add_load(Assembly& rows, const Plan& p) {
   const std::size_t size = p.part("value").size();

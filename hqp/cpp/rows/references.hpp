@@ -1,4 +1,4 @@
-// What the references of a tick set: targets, ground normals, rates and feedforward of elements.
+// References of a tick: targets, ground normals, rates and feedforward of elements.
 #pragma once
 
 #include <algorithm>
@@ -9,21 +9,21 @@
 
 namespace hqp {
 
-enum class Plain { kNo, kNumbers, kRotation, kPose };  // whether a target is taken as it is, and what it has to be
+enum class Plain { kNo, kNumbers, kRotation, kPose };  // check of a target that is used unchanged
 
-// Where an element's reference goes; the arrays are live.
+// Buffers of an element's reference; the arrays are live.
 struct Slot {
   double* target = nullptr;  // null where it has none
-  std::vector<int> shape;    // of the target
+  std::vector<int> shape;    // shape of the target
   double* normal = nullptr;  // (3,) of the ground, null if it takes none
   double* rate = nullptr;    // (rows,)
   double* feedforward = nullptr;
   int rows = 0;
-  bool elsewhere = false;  // whether the value is read by Python
+  bool elsewhere = false;  // true if Python reads the value
   Plain plain = Plain::kNo;
   std::vector<double> hold;                       // the target where no reference is given, flat
-  bool moved = false;                             // whether a reference has been put there
-  int operation = -1;                             // that tells what the element is at, -1 for none
+  bool moved = false;                             // true if a reference has been stored
+  int operation = -1;                             // operation with the hold value, -1 for none
   std::array<double, 3> usual = {0.0, 0.0, 1.0};  // the normal if a reference gives none
 
   void settle() {
@@ -38,7 +38,7 @@ struct Slot {
     for (const int each : shape) n *= each;
     return n;
   }
-  // Whether what was put there are numbers, and a target that has to be one is a rotation.
+  // Return true if the stored numbers are finite, and a target that must be a rotation is one.
   bool is_finite() const {
     return finite(target, size()) && finite(rate, rows) && finite(feedforward, rows) && (!normal || finite(normal, 3));
   }

@@ -1,5 +1,4 @@
-// Frames, and what they are relative to: the world, another frame, or that frame's heading. Formulas in
-// tasks/relative.py.
+// Frames relative to another one: the world, another frame, or that frame's heading. Formulas in tasks/relative.py.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Where the rows of an element go, and how one is written.
+// Destination of an element's rows, and its row functions.
 #pragma once
 
 #include <cmath>
@@ -16,7 +16,7 @@ struct Target {
   double* drift;  // null at velocity level
   double *lower, *upper;
   const double* reference;
-  const double* normal;  // (3,) of the ground, null where the rows do not ask for it
+  const double* normal;  // (3,) normal of the ground, null if the rows have none
   double weight;
   int nv;
   const double *rate, *feedforward;  // velocity and acceleration of the reference, null where no bounds move with it
@@ -28,21 +28,22 @@ class Operation {
  public:
   virtual ~Operation() = default;
   virtual void run(const double* q, const double* v) = 0;
-  // What the element is at, as its reference has it, for a reference of zeros; false where it holds what is declared.
+  // Write the hold value of the element, in the form of its reference, for a reference of zeros; false if it holds the
+  // declared value.
   virtual bool hold(const double*, const double*, double*) { return false; }
-  // How far beyond its limit each row comes to rest at best, 0 where it keeps to it; of rows that limit a joint each.
+  // Distance beyond its limit at which each row comes to rest at best, 0 inside; for rows that limit a joint each.
   virtual void overrun(const double*, const double*, std::vector<double>&) {}
   // The rate at which bounds near the speed that they stand around, infinite for none.
   virtual double approach() const { return INFINITY; }
-  // Those bounds anew, as demands: around a speed, of what is beyond a deceleration, (nv) each.
+  // Recompute these bounds as demands: around a speed, beyond a deceleration, (nv) each.
   virtual void around(const double*, const double*) {}
-  // Whether a contact of that name is there to stand on, from now on.
+  // Switch a contact of that name on or off as support, from now on.
   virtual void stand(const std::string&, bool) {}
-  // What goes over from one tick to the next.
+  // Save or restore the state between ticks.
   virtual void keep(CarryOver&) {}
 };
 
-// Of rows whose error is their value less the reference.
+// Base of rows whose error is their value less the reference.
 template <class Own>
 bool hold_value(Own& own, const Target& out, int rows, const double* q, const double* v, double* value) {
   own.run(q, v);
@@ -50,7 +51,7 @@ bool hold_value(Own& own, const Target& out, int rows, const double* q, const do
   return true;
 }
 
-class Rows {  // of a frame, in the world or relative to another
+class Rows {  // rows of a frame, in the world or relative to another
  public:
   Rows(Target out, const Tree& tree, Frame frame, RelativeFrame relative)
       : out_(out), tree_(tree), frame_(std::move(frame)), relative_(std::move(relative)) {}
@@ -66,7 +67,7 @@ class Rows {  // of a frame, in the world or relative to another
 
   void write_velocity(int i, const Vec3& u, const Vec3& p) { write(i, along(u, p), relative_.carried(u, p)); }
   void write_turning(int i, const Vec3& u) { write(i, about(u), relative_.turned(u)); }
-  void write_form(int i, const Form& own) {  // of a frame in the world
+  void write_form(int i, const Form& own) {  // row of a frame in the world
     double* J = out_.row(i);
     for (const int c : frame_.columns) J[c] = value(own, c);
   }

@@ -1,4 +1,4 @@
-// How a rotation vector changes as its rotation turns. See tasks/turns.py.
+// Derivatives of a rotation vector. See tasks/turns.py.
 #pragma once
 
 #include <cmath>
@@ -7,7 +7,7 @@
 
 namespace hqp {
 
-// How a rotation vector changes: its rate is B omega.
+// Change of a rotation vector: its rate is B omega.
 class RotationVector {
  public:
   explicit RotationVector(const Vec3& turn) : turn_(turn) {

@@ -20,7 +20,7 @@ class Wheel final : public Operation, Rows {
     for (std::size_t i = 0; i < picked_.size(); ++i) write_velocity(i, directions[picked_[i]], contact);
     out_.error[picked_.size() - 1] = dot(n, p - anchor_);
     if (!out_.drift) return;
-    // What touches is always straight below the centre: delta stays, while the directions turn with the axle.
+    // The contact point is always straight below the centre: delta stays, while the directions turn with the axle.
     const Vec3 slip = motion().at(contact), delta = -radius_ * n, &omega = motion().angular;
     const Vec3 drift = tree_.point_drift(frame_.body, p) + cross(body_drift().angular, delta);
     const Vec3 turning = cross(n, cross(omega, axle));
@@ -42,8 +42,8 @@ class Wheel final : public Operation, Rows {
  private:
   static bool same(const Vec3& a, const Vec3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
 
-  // A new value is a new place of the plane; where only the normal changes, the plane is tilted about the wheel. A
-  // normal that is none makes this tick's error NaN, and leaves the plane as it was.
+  // A new value is a new place of the plane; a change of the normal alone tilts the plane about the wheel. An invalid
+  // normal makes this tick's error NaN, and keeps the plane.
   void settle(const Vec3& value, const Vec3& n, const Vec3& p) {
     const bool finite = std::isfinite(n[0] + n[1] + n[2]);
     if (!placed_ || !same(value, value_)) {

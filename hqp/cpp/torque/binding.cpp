@@ -1,4 +1,4 @@
-// Python's view of what stands between rows on the acceleration and the solver at torque level.
+// Python interface of the steps between rows on the acceleration and the solver at torque level.
 #include <cstdlib>
 #include <optional>
 #include <vector>
@@ -45,7 +45,7 @@ class Parts {
   }
   const double* of_all(const Vector& a) const { return sized(a, core_.coordinates()); }
 
-  std::vector<nb::object> kept_;  // before what points into it
+  std::vector<nb::object> kept_;  // declared before the pointers into it
   hqp::TorqueParts core_;
   nb::object next_;
 };

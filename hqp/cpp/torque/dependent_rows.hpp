@@ -8,7 +8,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// Forces are those of least norm, lambda = S T^-1 (...): of all that have the same effect.
+// Forces are those of least norm, lambda = S T^-1 (...): least among all forces with equal effect.
 class DependentRows {
  public:
   // For so many at most, so that nothing is allocated later.
@@ -51,7 +51,7 @@ class DependentRows {
 
   double direction(int i, int j) const { return U_[i * m_ + j]; }  // of U
 
-  // y (r) with T' y = S' gamma: what gamma (m) prescribes along U, in least squares.
+  // y (r) with T' y = S' gamma: the motion that gamma (m) prescribes along U, in least squares.
   void towards(const double* gamma, double* y) const {
     for (int j = r_ - 1; j >= 0; --j) {
       double left = 0.0;

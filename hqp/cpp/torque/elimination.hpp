@@ -14,7 +14,7 @@ class Elimination : public Reactions {
  public:
   // A (nv, nv): its upper triangle, column-major; bias (nv), J (m, nv), gamma (m).  Written: map (nv, n + 1) = [X, c],
   // phi (n, n), which the rows of X that are actuated hold to the bit, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
-  // (m, n + 1); of dependent constraints T is the identity and the forces are those of least norm.  The rank of the
+  // (m, n + 1); for dependent constraints T is the identity and the forces are those of least norm.  The rank of the
   // constraints, -1 where A is not positive definite.  Constraints that are out have zeros in Q and in top, and a row
   // of the identity in T: they have no force.
   virtual int eliminate(const double* A, const double* bias, const double* J, const double* gamma, double tolerance,
@@ -42,7 +42,7 @@ class TorqueRows {
 };
 
 // Rows on the forces of m constraints, lambda = T^-1 top (tau, 1), as rows on tau: lower <= -C lambda <= upper.
-// How two contacts share a wrench, see tasks/load_share.py: C (6, m) is written each time, s is live.
+// Distribution of a wrench between two contacts, see tasks/load_share.py: C (6, m) is written each time, s is live.
 struct Shared {
   double* C;
   int first[2];               // rows of the constraints where the contacts' begin
@@ -75,7 +75,7 @@ class ForceRows {
   virtual void run(const double* T, const double* top, const double* shift) = 0;
 };
 
-// out: of the constraints, live, 1 where one is not there.
+// out: flags of the constraints, live, 1 for an absent one.
 Elimination* make_elimination_generic(std::vector<int> parents, std::vector<int> actuated, int rows,
                                       const std::int8_t* out);
 Elimination* make_elimination_avx2(std::vector<int> parents, std::vector<int> actuated, int rows,

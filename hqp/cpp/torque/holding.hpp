@@ -24,8 +24,8 @@ class Holding {
         f_(m_),
         r_(p_) {}
 
-  // J (m, nv) row-major: tau = g - J^T f on the actuated coordinates, with the f that makes it zero on the others; of
-  // several the one of least |tau|^2 + |f|^2.  False where no f does.
+  // J (m, nv) row-major: tau = g - J^T f on the actuated coordinates, with the f that makes it zero on the others; if
+  // there are several, the one of least |tau|^2 + |f|^2.  False where no f does.
   bool torque(const double* J, const double* g, double* tau) {
     if (!(m_ == p_ ? square(J, g) : least(J, g))) return false;
     for (std::size_t a = 0; a < actuated_.size(); ++a) {
@@ -130,11 +130,11 @@ class Holding {
     }
   }
 
-  static constexpr double kSingular = 1e-13;  // of the largest pivot: LAPACK takes over
+  static constexpr double kSingular = 1e-13;  // share of the largest pivot: LAPACK takes over
 
   std::vector<int> actuated_, others_;
   int m_, p_, nv_;
-  std::vector<double> rows_;  // of J^T on the other coordinates, and g
+  std::vector<double> rows_;  // rows of J^T on the other coordinates, and g
   std::vector<double> H_, Y_, S_, f_, r_;
 };
 

@@ -1,4 +1,4 @@
-// From rows on the acceleration to a solve on the torque, as a plan has it: of Python or of a file.
+// From rows on the acceleration to a solve on the torque, as a plan has it: from Python or from a file.
 #pragma once
 
 #include <algorithm>
@@ -72,7 +72,7 @@ class TorqueParts final : public SolveCall {
   }
   TorqueParts(const TorqueParts&) = delete;
 
-  // next: of the solver, null where Python asks it.  limits: of the bounds on the acceleration, or null.
+  // next: call of the solver, null if Python calls it.  limits: limiter of the bounds on the acceleration, or null.
   void before(SolveCall* next, Limiting* limits) { next_ = next, limits_ = limits; }
 
   Solved run(const double* v) override {
@@ -110,8 +110,8 @@ class TorqueParts final : public SolveCall {
 
   std::size_t coordinates() const { return nv_; }
   std::size_t motors() const { return n_; }
-  std::vector<std::int8_t>& out() { return out_; }  // of the constraints, 1 where one is not there
-  // The torque (n) that holds g (nv) on J (m, nv), or on the constraints that are there; false where there is none.
+  std::vector<std::int8_t>& out() { return out_; }  // flags of the constraints, 1 for an absent one
+  // The torque (n) that holds g (nv) on J (m, nv), or on the constraints that are there; false if there is none.
   bool hold(const double* J, const double* g, double* tau) { return holding_ && holding_->torque(J, g, tau); }
   bool hold(const double* g, double* tau) {
     for (std::size_t k = 0; k < m_; ++k)
@@ -119,8 +119,8 @@ class TorqueParts final : public SolveCall {
     return hold(held_.data(), g, tau);
   }
 
-  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A and J of a
-  // state at rest and its g; false where there is none.
+  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A and J of a state
+  // at rest and its g; false if there is none.
   bool at_rest(const double* g, double* tau, double* felt) {
     if (!hold(g, tau) || eliminate() < 0) return false;
     for (std::size_t i = 0; i < n_; ++i) felt[i] = phi_[i * (n_ + 1)];

@@ -147,7 +147,7 @@ class SparseElimination final : public Elimination {
     return true;
   }
 
-  // Q (nv, m) row-major, from what is kept of it.
+  // Write Q (nv, m) row-major, from its factors.
   void write(double* Q) const {
     std::fill(Q, Q + nv_ * rows_, 0.0);
     each_row([&](int i, const double* q) {
@@ -161,7 +161,7 @@ class SparseElimination final : public Elimination {
       if (moving_[i]) visit(i, q), q += m_;
   }
 
-  // y with T^T y = asked (m): what that prescribes along Q, of dependent constraints in least squares.
+  // Compute y with T^T y = asked (m): the prescribed motion along Q, for dependent constraints in least squares.
   void prescribe(const double* asked) {
     if (!given_.empty()) {
       for (std::size_t k = 0; k < given_.size(); ++k) work_[k] = asked[given_[k]];
@@ -174,7 +174,7 @@ class SparseElimination final : public Elimination {
     }
   }
 
-  // The same where they are dependent: Q (nv, r) of their r combinations, y of these, whose rows come first.
+  // Handle dependent constraints: Q (nv, r) of their r combinations, y of these, whose rows come first.
   void depend(const double* J, const double* gamma, double tolerance, double* Q) {
     given_ = in_;
     const int m = m_;
@@ -245,7 +245,7 @@ class SparseElimination final : public Elimination {
   int above(int i) const { return static_cast<int>(way_[i].size()) - 1; }
   double* R(int i) { return R_.data() + i * m_; }
 
-  // I - tau u u^T for each column k, u = (1, what it leaves below the diagonal).
+  // Reflect by I - tau u u^T for each column k, u = (1, entries below the diagonal).
   bool reflect(double tolerance) {
     double least = INFINITY, largest = 0.0;
     for (int k = 0; k < m_; ++k) {
@@ -284,14 +284,14 @@ class SparseElimination final : public Elimination {
 
   const std::int8_t* out_;
   std::vector<int> actuated_, in_;          // in_: the constraints that are not out
-  int nv_, n_, rows_, m_, ld_, count_ = 0;  // count_: of coordinates that move a constraint
+  int nv_, n_, rows_, m_, ld_, count_ = 0;  // count_: number of coordinates that move a constraint
   std::vector<double> H_;
   std::vector<std::vector<int>> way_;        // coordinates from the world to each, itself the last
-  std::vector<std::pair<int, int>> ranges_;  // of actuated joints that a coordinate carries
-  std::vector<char> moving_;                 // which coordinates move a constraint
+  std::vector<std::pair<int, int>> ranges_;  // ranges of the actuated joints in a coordinate's subtree
+  std::vector<char> moving_;                 // flags of coordinates that move a constraint
   std::vector<double> R_, Q_, y_, taus_, work_;
   DependentRows rows_in_common_;
-  std::vector<int> given_;         // of dependent constraints, those that are not out
+  std::vector<int> given_;         // for dependent constraints, those that are not out
   std::vector<double> dependent_;  // (nv, m), then (m, n + 1)
   std::vector<double> block_;      // (nv, n) and (n, n) in padded rows, zero in the padding
 };
