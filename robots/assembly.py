@@ -50,7 +50,7 @@ def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Pat
 def parsed(path: Path) -> Any:
     """The file as a MjSpec; raises ModelError."""
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        return mujoco.MjSpec.from_file(str(path.absolute()))
     except ValueError as error:
         raise ModelError(f"{path} could not be read: {error}") from error
 

@@ -37,7 +37,7 @@ _RANGES = ("jnt_range", "jnt_actfrcrange", "actuator_forcerange", "actuator_ctrl
 def compiled(path: Path, floating: bool | None = None) -> Any:
     """Compile the file to a MjModel, with its root freed or fixed on request; raises ModelError."""
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path.absolute()))
         if floating is not None:
             set_root(spec, floating)
         simulated = spec.compile()

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import gymnasium  # pyright: ignore[reportMissingImports]
 import numpy as np
 
+from hqp.adapters.gymnasium_extra import gymnasium
 from hqp.adapters.vector_env import VectorEnv
 from hqp.arrays import Vec
 from hqp.declare.stack import Stack

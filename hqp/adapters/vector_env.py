@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import gymnasium  # pyright: ignore[reportMissingImports]
 import numpy as np
-from gymnasium.vector.utils import batch_space  # pyright: ignore[reportMissingImports]
 
+from hqp.adapters.gymnasium_extra import batch_space, gymnasium
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.export.batch import Batch

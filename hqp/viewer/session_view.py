@@ -244,10 +244,12 @@ class View:
         assert self._server.stdin is not None
         pickle.dump(about, self._server.stdin)
         self._server.stdin.flush()
-        until = time.monotonic() + 60.0
         while not self._channel.ready:
-            if self._server.poll() is not None or time.monotonic() > until:
-                raise HqpError("the viewer's page did not start; see the output of its process above")
+            if self._server.poll() is not None:
+                raise HqpError(
+                    f"the viewer's page did not start: its process ended with {self._server.returncode}; "
+                    "its error output is above"
+                )
             time.sleep(0.02)
         if self._channel.ready < 0:
             raise HqpError("the viewer's page did not start; see the output of its process above")

@@ -316,3 +316,33 @@ def test_capsules_are_fitted_and_written(tmp_path: Path) -> None:
     assert main(["capsules", str(arm), "--output", str(fitted)]) == 0
     robot = hqp.robots.load(arm).with_capsules(fitted)
     assert robot.capsules[0].radius == pytest.approx(0.05, rel=0.05)
+
+
+@pytest.mark.parametrize("dt", [1.01, 4, 250, 1000.0, np.float64(500.0)])
+def test_a_rate_given_as_a_period_is_refused(dt: float) -> None:
+    controller, robot = hqp.Controller(Stack(Level(Posture()))), hqp.robots.load("cbi", floating=False)
+    with pytest.raises(DeclarationError, match=re.escape(f"a rate of {dt:g} Hz is dt={1.0 / dt:g}")):
+        controller.session(robot, dt)
+    controller.session(robot, 1.0 / 250.0)
+    controller.session(robot, 1.0)
+
+
+def test_a_missing_extra_is_named_with_its_install(tmp_path: Path) -> None:
+    for module in ("gym", "vector_env"):
+        result = run(f"import sys\nsys.modules['gymnasium'] = None\nimport hqp.adapters.{module}")
+        assert "pip install 'hqp[gym]'" in result.stderr.splitlines()[-1]
+    stack = tmp_path / "stack.toml"
+    stack.write_text(serial.dumps(Stack(Level(Posture()))))
+    for package in ("threadpoolctl", "rich"):
+        code = f"import sys\nsys.modules[{package!r}] = None\nfrom hqp.__main__ import main\n"
+        result = run(code + "sys.exit(main(['compare', sys.argv[1], '--robot', 'cbi']))", str(stack))
+        assert result.returncode == 2
+        assert f"{package}: pip install 'hqp[lab]'" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["qpoasis", "x", "Lexicographic"])
+def test_an_unknown_solver_is_answered_with_the_known_ones(name: str) -> None:
+    with pytest.raises(DeclarationError) as raised:
+        hqp.solvers.load(name)
+    for known in hqp.solvers.known():
+        assert known in str(raised.value)

@@ -1,0 +1,131 @@
+"""Install hqp beside what people run, in environments that are thrown away, and run it there.
+
+python -m tests.environments [NAME ...] [--folder FOLDER] [--heavy] [--resolve]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[2]
+SHOWN = ("numpy", "scipy", "pin", "mujoco", "torch")
+ALONE = """
+import importlib.metadata, numpy, sys, hqp
+session = hqp.load(sys.argv[1])
+assert session.step(session.home).status.solved
+assert hqp.Batch.load(sys.argv[1], 2).step(numpy.tile(session.home, (2, 1))).solved.all()
+print("numpy", importlib.metadata.version("numpy"))
+"""
+
+
+def main() -> int:
+    """Print a line for each environment; 1 if one failed."""
+    parser = argparse.ArgumentParser(prog="python -m tests.environments", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="default: all that are not heavy")
+    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "hqp-environments")
+    parser.add_argument("--heavy", action="store_true", help="with those that install gigabytes")
+    parser.add_argument("--resolve", action="store_true", help="let pip resolve, install nothing")
+    arguments = parser.parse_args()
+    known = tomllib.loads((Path(__file__).parent / "environments.toml").read_text())
+    chosen = arguments.names or [name for name, about in known.items() if arguments.heavy or not about.get("heavy")]
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    wheels: dict[str, Path] = {}
+    failed = []
+    for name in chosen:
+        about, start = known[name], time.perf_counter()
+        python = interpreter(about.get("python"))
+        if python is None:
+            print(f"{name:20} skipped: no Python {about['python']} here")
+            continue
+        try:
+            told = resolved(about, python) if arguments.resolve else ran(name, about, python, arguments.folder, wheels)
+        except subprocess.CalledProcessError as error:
+            failed.append(name)
+            told = f"FAILED: {error.cmd[:6]}\n{(error.stdout or '')[-3000:]}{(error.stderr or '')[-3000:]}"
+        print(f"{name:20} {told}, {time.perf_counter() - start:.0f} s", flush=True)
+    return int(bool(failed))
+
+
+def interpreter(version: str | None) -> str | None:
+    """The Python of a version, this one for None."""
+    if version is None or version == f"{sys.version_info[0]}.{sys.version_info[1]}":
+        return sys.executable
+    return shutil.which(f"python{version}")
+
+
+def run(*command: object, **options: Any) -> str:
+    """Standard output of a command; raises CalledProcessError."""
+    environment = {**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1", **options.pop("env", {})}
+    given = [str(part) for part in command]
+    return subprocess.run(given, check=True, capture_output=True, text=True, env=environment, **options).stdout
+
+
+def resolved(about: dict[str, Any], python: str) -> str:
+    """What pip would install beside a pure hqp, which needs no compiler."""
+    found = run(
+        python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet", "--report", "-", ROOT,
+        *about["requires"], env={"HQP_PURE": "1"},
+    )  # fmt: skip
+    import json
+
+    versions = {each["metadata"]["name"].lower(): each["metadata"]["version"] for each in json.loads(found)["install"]}
+    return " ".join(f"{package} {versions[package]}" for package in SHOWN if package in versions)
+
+
+def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dict[str, Path]) -> str:
+    """Install in one call of pip, run the loops and the tests, and remove the environment."""
+    if python not in wheels:
+        target = folder / f"wheel-{len(wheels)}"
+        run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", target, ROOT)
+        (wheels[python],) = target.glob("*.whl")
+    suite, home = folder / "suite", folder / name
+    shutil.rmtree(home, ignore_errors=True)
+    suite.mkdir(exist_ok=True)
+    for part in ("tests", "examples"):
+        if not (suite / part).exists():
+            (suite / part).symlink_to(ROOT / part)
+    run(python, "-m", "venv", home)
+    inside = home / "bin" / "python"
+    try:
+        if about.get("alone"):
+            run(inside, "-m", "pip", "install", "--quiet", *about["requires"])
+            run(inside, "-m", "pip", "install", "--quiet", "--no-deps", wheels[python])
+            plan = folder / "ur5.hqp"
+            run(sys.executable, "-m", "tests.environments.plan", plan, cwd=ROOT)
+            return run(inside, "-c", ALONE, plan, cwd=suite).strip()
+        asked = (f"hqp[robots] @ file://{wheels[python]}", *about["requires"], "pytest", "pytest-timeout", "hypothesis")
+        run(inside, "-m", "pip", "install", "--quiet", *asked)
+        run(inside, "-m", "pip", "check")
+        doctor = subprocess.run([inside, "-m", "hqp", "doctor"], capture_output=True, text=True, check=False, cwd=suite)
+        if "Traceback" in doctor.stderr:
+            raise subprocess.CalledProcessError(1, ["hqp", "doctor"], doctor.stdout, doctor.stderr)
+        run(inside, "-m", "tests.environments.loops", cwd=suite)
+        tested = ""
+        if about.get("tests"):
+            options = ("--import-mode=importlib", "--rootdir", suite, "-q", "-m", "not slow", "-p", "no:cacheprovider")
+            closing = run(inside, "-m", "pytest", *options, *about["tests"], cwd=suite).strip().splitlines()[-1]
+            tested = f", {closing.strip('= ')}"
+        listed = run(inside, "-m", "pip", "freeze").splitlines()
+        versions = dict(line.split("==") for line in listed if line.count("==") == 1)
+        return (
+            " ".join(f"{package} {versions[package]}" for package in SHOWN if package in versions) + ", loops" + tested
+        )
+    finally:
+        shutil.rmtree(home, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

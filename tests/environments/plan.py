@@ -1,0 +1,8 @@
+"""Write the plan that an environment with numpy alone steps: python -m tests.environments.plan FILE."""
+
+import sys
+
+from tests.scenes.stacks import scene
+
+if __name__ == "__main__":
+    scene("ur5")[0].export(sys.argv[1])
