@@ -119,11 +119,11 @@ _ELSEWHERE = {
     "solve_many": "solvers.many",
     "view": "viewer",
 }
-"""Public names, and the modules that are imported when they are first asked for."""
+"""Public names, and the modules that are imported on their first use."""
 
 
 def __getattr__(name: str) -> object:
-    """Import the parts that need Pinocchio, SciPy or tables only when asked for."""
+    """Import the parts that need Pinocchio, SciPy or tables on first use."""
     if name in _MODULES:
         return importlib.import_module(f"hqp.{name}")
     if name in _ELSEWHERE:

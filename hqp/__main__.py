@@ -1,4 +1,4 @@
-"""The command `hqp`: which solvers and robots are there, one stack through many solvers, and the packages' own."""
+"""The command `hqp`: list solvers and robots, compare a stack through solvers, and the packages' own commands."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PACKAGES = {
         "walk with a biped in MuJoCo, steer it by keys in a browser, or write the walk as a reference motion",
     ),
 }
-"""Commands of a package of their own: a module with DESCRIPTION, add_arguments and execute; and what it is for."""
+"""Commands of a package of their own: a module with DESCRIPTION, add_arguments and execute; and its help text."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"hqp: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # `hqp robots | head`: nobody reads on
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is written at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the remaining output is written at the exit
         return 0
 
 
@@ -67,7 +67,7 @@ def _command(name: str) -> Callable[[argparse.Namespace], int]:
 
 
 def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
-    """All commands; of a package that argv does not name, what it is for alone, because the rest takes its import."""
+    """All commands; a package that argv does not name has its help text only, because the rest needs its import."""
     parser = argparse.ArgumentParser(
         prog="hqp", description="Strict task priorities for floating-base robots: one stack of tasks, any solver."
     )

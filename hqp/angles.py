@@ -10,7 +10,8 @@ from hqp.arrays import Vec
 
 
 def wrapped(angle: float) -> float:
-    """The same angle within [-pi, pi], so the shortest turn for a difference of two [rad]; NaN unless finite."""
+    """Return the equal angle within [-pi, pi], so the shortest turn for a difference of two [rad]; NaN unless
+    finite."""
     return math.remainder(angle, math.tau) if math.isfinite(angle) else math.nan
 
 

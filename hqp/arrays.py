@@ -1,4 +1,4 @@
-"""Array types of the library: everything is float64, in C order unless said otherwise."""
+"""Array types of the library: float64 in C order by default."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ Signs: TypeAlias = NDArray[np.int8]
 def floats(what: str, given: object) -> NDArray[np.float64]:
     """``given`` as float64, itself where it is such an array.
 
-    Raises ProblemError, naming ``what``, for text, complex numbers, dates, objects and sequences of unequal length.
+    Raises ProblemError with the name ``what`` for text, complex numbers, dates, objects and sequences of unequal
+    length.
     """
     try:
         array = np.asarray(given)
@@ -46,7 +47,7 @@ def floats(what: str, given: object) -> NDArray[np.float64]:
 
 
 def is_readable(array: NDArray[Any]) -> bool:
-    """Whether native code can read the array where it is: in C order and aligned."""
+    """Return true if native code can read the array in place: in C order and aligned."""
     return array.flags.c_contiguous and array.flags.aligned
 
 
@@ -81,5 +82,5 @@ def row_lengths(A: Mat) -> Vec:
 
 
 def longest_row(A: Mat) -> float:
-    """The largest 2-norm of a row, 0 where there is none."""
+    """The largest 2-norm of a row, 0 without rows."""
     return float(row_lengths(A).max(initial=0.0))

@@ -29,7 +29,7 @@ class ProblemError(HqpError, ValueError):
 
 
 class ModelError(HqpError):
-    """A robot model lacks what was asked of it, or cannot be loaded."""
+    """A robot model lacks a requested part, or cannot be loaded."""
 
 
 class ModelWarning(UserWarning):
@@ -106,7 +106,7 @@ class BackendError(SolverError, RuntimeError):
 
 
 class NotSolved(SolverError, RuntimeError):
-    """Raised by ``unwrap``: the status was not acceptable; ``problem`` is a copy of what was asked."""
+    """Raised by ``unwrap``: the status was not acceptable; ``problem`` is a copy of the problem."""
 
     def __init__(self, message: str, problem: Any = None) -> None:
         super().__init__(message)
@@ -114,7 +114,7 @@ class NotSolved(SolverError, RuntimeError):
 
 
 def closest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
-    """The ``count`` known names nearest to ``name``, best first, whatever the case of the letters."""
+    """The ``count`` known names nearest to ``name``, best first, regardless of case."""
     names = list(known)
     by_lower = {k.lower(): k for k in names}
     near = difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.4)
@@ -122,7 +122,7 @@ def closest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
 
 
 def _shown(value: object, most: int = 200) -> str:
-    """What was given, cut short; some values cannot even be printed (an integer of 5000 digits)."""
+    """Given value, shortened; some values cannot even be printed (an integer of 5000 digits)."""
     try:
         text = repr(value)
     except Exception:

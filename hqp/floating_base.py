@@ -32,7 +32,7 @@ def base_rank(J_C: Mat) -> int:
 
 
 def consistent_velocity(J_C: Mat, v: Vec) -> Vec:
-    """N_C v = (I - J_C^+ J_C) v ``(nv,)``: a measured velocity without what the constraints forbid.
+    """N_C v = (I - J_C^+ J_C) v ``(nv,)``: a measured velocity without its violation of the constraints.
 
     J_C holds the contacts alone: with the centre of mass among its rows its true velocity would be erased
     (Mistry 2008, below eq. 22, whose N_A is to be read as N_C).

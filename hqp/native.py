@@ -1,4 +1,4 @@
-"""Which of hqp's compiled parts are there, and what is said where none is."""
+"""Compiled parts of hqp, and messages on missing ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PARTS = {
     "_torque": "torque",
     "_session": "sessions",
 }
-"""Extension modules of hqp, and what each does."""
+"""Extension modules of hqp, and the purpose of each."""
 
 ADVICE = (
     "install a C++ compiler (Debian: apt install g++) and hqp again "
@@ -25,19 +25,19 @@ ADVICE = (
 
 
 def missing() -> tuple[str, ...]:
-    """What of solver, rows, torque and sessions was not compiled."""
+    """Names of the parts that were not compiled."""
     return tuple(text for name, text in PARTS.items() if importlib.util.find_spec(f"hqp.{name}") is None)
 
 
 def instruction_set() -> str:
-    """That of the solver's kernel on this machine, ``""`` without one."""
+    """Instruction set of the solver's kernel on this machine, ``""`` without one."""
     if "solver" in missing():
         return ""
     return str(importlib.import_module("hqp._lexicographic").instruction_set)
 
 
 def describe() -> str:
-    """``native (avx2)``, ``pure Python``, or what is missing of the compiled parts."""
+    """``native (avx2)``, ``pure Python``, or the missing compiled parts."""
     gone = missing()
     if len(gone) == len(PARTS):
         return "pure Python"
@@ -45,10 +45,10 @@ def describe() -> str:
 
 
 def check() -> None:
-    """Raise ImportError in a checkout that was not built, else tell once that compiled parts are missing.
+    """Raise ImportError in a checkout that was not built, else warn once of missing compiled parts.
 
-    HQP_PURE=1 allows both without a word, HQP_REQUIRE_NATIVE=1 neither.  pip hides what a build prints, so the warning
-    has to come here.
+    HQP_PURE=1 allows both without a word, HQP_REQUIRE_NATIVE=1 neither.  pip hides the output of a build, so the
+    warning has to come here.
     """
     if not missing() or _set("HQP_PURE"):
         return
@@ -75,7 +75,7 @@ def _set(variable: str) -> bool:
 
 
 def _is_bare_checkout(folder: Path) -> bool:
-    """Whether the folder holds hqp's sources and is not what an editable install of hqp points to (PEP 610)."""
+    """Return true if the folder holds hqp's sources and no editable install points to it (PEP 610)."""
     project = folder / "pyproject.toml"
     if not project.is_file() or 'name = "hqp"' not in project.read_text(encoding="utf-8"):
         return False

@@ -18,7 +18,7 @@ from hqp.errors import DeclarationError, closest
 
 
 class Told(Protocol):
-    """What a sequence writes into a tick."""
+    """Interface of a tick for a sequence."""
 
     phase: str | None
     event: str
@@ -29,7 +29,7 @@ T_co = TypeVar("T_co", bound=Told, covariant=True)
 
 
 class Stepped(Protocol[T_co]):
-    """What a sequence asks of a session."""
+    """Interface of a session for a sequence."""
 
     dt: float
 
@@ -50,17 +50,17 @@ Pairs: TypeAlias = "tuple[tuple[str, Law], ...]"
 """Laws by names of elements, in the order of these."""
 
 Action = Callable[[State], object]
-"""What is called when a phase begins or ends, before the rows of that tick are written."""
+"""Function called when a phase begins or ends, before the rows of that tick are written."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that is measured or told."""
+    """Measured or signalled event."""
 
     name: str
 
     def happens(self, run: Run[Any]) -> bool:
-        """Whether it is the case in this tick."""
+        """Return true if it happens in this tick."""
         raise NotImplementedError
 
     def require(self, session: Stepped[Any]) -> None:
@@ -78,7 +78,7 @@ class loaded(Event):  # read as words: until=loaded("left", 40.0)
         return run.loads.get(self.name, -math.inf) >= self.newtons
 
     def require(self, session: Stepped[Any]) -> None:
-        """Raise DeclarationError for what is no contact."""
+        """Raise DeclarationError for a name without a contact."""
         contacts = [e.name for e in session.stack if e.is_contact]
         if self.name not in contacts:
             raise DeclarationError(
@@ -109,17 +109,17 @@ class near(Event):
         return value is not None and float(np.linalg.norm(task.error(run.state, value))) <= self.distance
 
     def require(self, session: Stepped[Any]) -> None:
-        """Raise DeclarationError for what is no task."""
+        """Raise DeclarationError for a name without a task."""
         if not isinstance(element := session.stack.find(self.name), Task):
             raise DeclarationError(self.name, f"is a {type(element).__name__}", allowed="a task")
 
 
 @dataclass(frozen=True)
 class signal(Event):
-    """The program said so: ``run.tell(name)`` since the phase began."""
+    """Signal of the program: ``run.tell(name)`` since the phase began."""
 
     def happens(self, run: Run[Any]) -> bool:
-        """Whether it was told."""
+        """Return true if it was signalled."""
         return self.name in run.told
 
 
@@ -129,12 +129,12 @@ EVENTS: dict[str, type[Event]] = {kind.__name__: kind for kind in (loaded, unloa
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """One phase: the ``name`` that levels and elements have as their ``when``, and what ends it.
+    """One phase: the ``name`` in the ``when`` of levels and elements, and its end.
 
     It ends once it has lasted ``after`` [s] and ``until`` happens, whichever are given; without either it lasts until
-    ``Run.go``.  to: the phase that follows, the next one of the sequence by default, the first after the last.
-    within [s]: where it has not ended by then the event ``late <name>`` is told, and ``late`` follows, if given.
-    laws: of elements by name while it lasts, those of the stack for all others; kept as pairs.  They go over, see
+    ``Run.go``.  to: the phase that follows, the next one of the sequence by default, the first after the last.  within
+    [s]: if it has not ended by then the event ``late <name>`` happens, and ``late`` follows, if given.  laws: laws of
+    elements by name while it lasts, those of the stack for all others; kept as pairs.  They go over, see
     ``hqp.loop.phase_laws``.  Raises DeclarationError for times that are not positive and finite, and no laws.
     """
 
@@ -202,7 +202,7 @@ class Sequence:
         return self.phases[(self.phases.index(phase) + 1) % len(self.phases)]
 
     def laws(self) -> dict[str, dict[str, Law]]:
-        """Of elements by name, by phase."""
+        """Laws of elements by name, by phase."""
         return {phase.name: dict(phase.laws) for phase in self.phases}
 
     def require(self, session: Stepped[Any]) -> None:
@@ -237,7 +237,7 @@ class Sequence:
     ) -> Run[T]:
         """The sequence at work on a session, from its first phase on.
 
-        entry, exit: what is called with the state when a phase of that name begins and ends.  Raises DeclarationError
+        entry, exit: functions called with the state when a phase of that name begins and ends.  Raises DeclarationError
         for names that are not there: phases of the stack, contacts and tasks of events, phases of entry and exit,
         elements of laws; for laws that do not fit their element, or one without a law; and for a phase in which
         constraints and actuators do not determine the motion.
@@ -248,8 +248,8 @@ class Sequence:
 class Run(Generic[T]):
     """A sequence on a session; ``step`` takes the place of ``session.step``.
 
-    phase: the one of the latest tick.  since [s]: its age in that tick.  loads: what contacts were measured to bear in
-    it, by name [N].  told: signals since the phase began.
+    phase: the one of the latest tick.  since [s]: its age in that tick.  loads: measured loads of contacts in it, by
+    name [N].  told: signals since the phase began.
     """
 
     def __init__(
@@ -279,11 +279,11 @@ class Run(Generic[T]):
         self.told.add(name)
 
     def go(self, name: str) -> None:
-        """That phase begins with the next tick; raises DeclarationError for one that is not there."""
+        """Begin that phase with the next tick; raises DeclarationError for one that is not there."""
         self._next = self.sequence.find(name)
 
     def step(self, state: State, *references: Reference, now: float | None = None) -> T:
-        """One tick of the session in the phase that is due; ``tick.phase`` and ``tick.event`` tell of it.
+        """One tick of the session in the phase that is due; ``tick.phase`` and ``tick.event`` report it.
 
         The event is the name of a phase that begins, ``late <name>`` for one that did not end in time, else "".
         """

@@ -1,4 +1,4 @@
-"""Stacks as plain dictionaries and TOML: the same tree as the constructors, classes found by their names."""
+"""Stacks as plain dictionaries and TOML: a tree equal to that of the constructors, classes found by their names."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _tuples(value: Any) -> Any:
 
 
 def _tables(entry: Mapping[str, Any], key: str, where: str) -> Sequence[Mapping[str, Any]]:
-    """The list of tables under a key, empty where there is none."""
+    """The list of tables under a key, empty without it."""
     found = entry.get(key, ())
     if not isinstance(found, (list, tuple)) or not all(isinstance(item, Mapping) for item in found):
         raise DeclarationError(where, f"{key} must be a list of tables", value=found, allowed=f"[[{key}]]")
@@ -180,7 +180,7 @@ def _build(entry: Mapping[str, Any]) -> Element:
         raise DeclarationError("stack", f"unknown type of element; closest: {near}", value=name)
     if isinstance(fields.get("law"), Mapping):
         fields["law"] = _named(fields["law"], LAWS, "law")
-    if isinstance(fields.get("task"), Mapping):  # of a Within
+    if isinstance(fields.get("task"), Mapping):  # task of a Within
         fields["task"] = _build(fields["task"])
     return _construct(REGISTRY[name], fields)
 

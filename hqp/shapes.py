@@ -28,7 +28,7 @@ class LinkCapsule(NamedTuple):
 class Shape(NamedTuple):
     """A shape of the world, plain data: kind, name, size [m], and its pose: position [m], roll, pitch, yaw [rad].
 
-    file: of a mesh, whose size is the scale along x, y, z.
+    file: path of a mesh, whose size is the scale along x, y, z.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class Shape(NamedTuple):
 
     @property
     def is_mesh(self) -> bool:
-        """Whether it comes from a file."""
+        """True if it comes from a file."""
         return self.kind in ("mesh", "triangles")
 
     @property
@@ -88,15 +88,15 @@ def mesh(
 ) -> Shape:
     """A mesh (STL, OBJ, DAE): its convex hull, or its triangles, whose inside counts as free; through coal.
 
-    scale: of its numbers to metres, one or ``(3,)``.  A stack with meshes takes the readable path, slower than native
-    shapes.  Raises DeclarationError for a file that is missing.
+    scale: scale from its numbers to metres, one or ``(3,)``.  A stack with meshes takes the readable path, slower than
+    native shapes.  Raises DeclarationError for a file that is missing.
     """
     scales = (scale,) * 3 if isinstance(scale, (int, float)) else scale
     return checked(("mesh" if convex else "triangles", name, scales, position, rpy, str(file)))
 
 
 def checked(given: Any) -> Shape:
-    """A Shape of plain data; raises DeclarationError for what is none."""
+    """A Shape of plain data; raises DeclarationError for invalid data."""
     try:
         kind, name, size, *rest = given
         pose, file = rest[:2], rest[2] if len(rest) == 3 else ""

@@ -1,7 +1,7 @@
 """Tasks, limits and constraints on the displacement dq of one step, as pink and mink write them, as a hierarchy.
 
-What does not change from step to step is kept: where a limit has one entry a row, the arrays of the hierarchy, and the
-solver's workspace; a step only writes numbers.
+Constant parts are kept between steps: the arrays of limits with one entry per row, of the hierarchy, and the solver's
+workspace; a step only writes numbers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Part = tuple[Mat, Vec, "Vec | None"]
 
 @dataclass
 class _Kept(threading.local):
-    """Of each thread: problems by their shape, limits by their place."""
+    """Cache of each thread: problems by their shape, limits by their place."""
 
     problems: dict[Any, tuple[Hierarchy, Workspace]] = field(default_factory=dict)
     limits: dict[Any, Singles] = field(default_factory=dict)
@@ -33,9 +33,9 @@ class _Kept(threading.local):
 
 @dataclass(frozen=True, eq=False)
 class Singles:
-    """Rows of G dq <= h with one entry each: which rows bound which coordinates from above and below, divided by what.
+    """Rows of G dq <= h with one entry each: rows that bound coordinates from above and below, and their divisors.
 
-    single: of all rows.  general: the other rows.
+    single: flags of all rows.  general: the other rows.
     """
 
     G: Mat

@@ -1,4 +1,4 @@
-"""What elements made of pink's and mink's tasks share."""
+"""Common base of elements made from tasks of pink and mink."""
 
 from __future__ import annotations
 

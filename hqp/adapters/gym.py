@@ -19,8 +19,8 @@ __all__ = ["StackEnv", "VectorEnv"]
 class StackEnv(gymnasium.Env[Any, Any]):  # type: ignore[misc,unused-ignore]
     """Actions are offsets of a position target from home, observations joint angles, rates and the hand's error.
 
-    stack: with a Position ``target``.  robot: on which it runs.  reach: of the action, each axis [m].  reward: of
-    (error of the hand [m], action); minus the error by default.  frame_skip: ticks an action is held.
+    stack: with a Position ``target``.  robot: on which it runs.  reach: range of the action, each axis [m].  reward:
+    function of (error of the hand [m], action); minus the error by default.  frame_skip: ticks an action is held.
     plant: ``integrator`` or ``mujoco``.  Raises DeclarationError for an unknown target.
     """
 

@@ -34,12 +34,12 @@ TARGETS = "joint_targets"
 class StackRetargeter(BaseRetargeter):  # type: ignore[misc,unused-ignore]
     """Follows hands by a stack, in ticks of dt up to the graph's time, each carried out exactly.
 
-    name: of the node.  controller: at velocity or acceleration level.  follows: by input; each input is an optional
-    ``ee_pose``, float32 ``(7,)``: x, y, z [m], quaternion x, y, z, w; the position alone for a Position.  The output
-    ``joint_targets`` holds one float for each of ``robot.joint_names`` [rad, m].  A clutch is closed while the graph
-    runs; an input that is absent is a packet that is missing; a reset begins anew at ``start``, home for None.
-    tick: the last one, None before the first.  Raises DeclarationError for another level, and for
-    joints of several axes.
+    name: name of the node.  controller: at velocity or acceleration level.  follows: by input; each input is an
+    optional ``ee_pose``, float32 ``(7,)``: x, y, z [m], quaternion x, y, z, w; the position alone for a Position.  The
+    output ``joint_targets`` holds one float for each of ``robot.joint_names`` [rad, m].  A clutch is closed while the
+    graph runs; an input that is absent is a packet that is missing; a reset begins anew at ``start``, home for None.
+    tick: the last one, None before the first.  Raises DeclarationError for another level, and for joints of several
+    axes.
     """
 
     def __init__(

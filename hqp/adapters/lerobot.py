@@ -18,10 +18,10 @@ from hqp.programs.formulation import Velocity
 class RobotKinematics:
     """The interface of ``lerobot.model.kinematics.RobotKinematics``: the position strictly before the orientation.
 
-    urdf_path: or a name that ``hqp.robots.load`` takes, or a fixed-base Robot.  target_frame_name: of the gripper.
-    joint_names: those that ``forward_kinematics`` and ``inverse_kinematics`` speak of, all by default.
-    steps: of 20 ms at a gain of 25/s that one call of ``inverse_kinematics`` takes at most.
-    Raises ModelError, FrameNotFound or JointNotFound.
+    urdf_path: or a name that ``hqp.robots.load`` takes, or a fixed-base Robot.  target_frame_name: frame of the
+    gripper.  joint_names: joints in the arguments of ``forward_kinematics`` and ``inverse_kinematics``, all by default.
+    steps: number of steps of 20 ms at a gain of 25/s in one call of ``inverse_kinematics``, at most.  Raises
+    ModelError, FrameNotFound or JointNotFound.
     """
 
     def __init__(

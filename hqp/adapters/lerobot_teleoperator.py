@@ -22,16 +22,15 @@ NOTHING = (ValueError, TypeError, KeyError, AttributeError, OverflowError)
 class TeleoperatorReader:
     """Takes the actions of a LeRobot ``Teleoperator`` to a source of references, in a thread of its own.
 
-    What an action says of the hand, by its keys, the first that are there:
-    ``phone.pos`` [m], ``phone.rot``, ``phone.enabled``: a phone, whose zero of positions moves with each press;
-    ``ee.x, y, z`` [m] and ``ee.wx, wy, wz`` [rad], a rotation vector: a leader arm after their forward kinematics;
-    ``delta_x, y, z``: a gamepad or a keyboard, sums of ``step`` [m];
-    ``NAME.pos`` [deg] for each joint of ``kinematics``: a leader arm as it is.
-    Phones, gamepads and keyboards tell of motion alone: they need a Follow with ``clutch=True``.
+    Keys of an action for the hand, the first present ones: ``phone.pos`` [m], ``phone.rot``, ``phone.enabled``: a
+    phone, whose zero of positions moves with each press; ``ee.x, y, z`` [m] and ``ee.wx, wy, wz`` [rad], a rotation
+    vector: a leader arm after their forward kinematics; ``delta_x, y, z``: a gamepad or a keyboard, sums of ``step``
+    [m]; ``NAME.pos`` [deg] for each joint of ``kinematics``: a leader arm as it is. Phones, gamepads and keyboards
+    report motion alone: they need a Follow with ``clutch=True``.
 
-    rate: of ``get_action`` [1/s]; 0 for no thread, where a loop of your own calls ``take``.
-    action: the last one, whole, for the gripper.  taken, refused: how many; fault: why the last one was refused.
-    The teleoperator is to be connected before, and is not disconnected.  Raises DeclarationError for rate and step.
+    rate: rate of ``get_action`` [1/s]; 0 for no thread, where a loop of your own calls ``take``.  action: the last one,
+    whole, for the gripper.  taken, refused: how many; fault: why the last one was refused.  The teleoperator is to be
+    connected before, and is not disconnected.  Raises DeclarationError for rate and step.
     """
 
     def __init__(
@@ -57,16 +56,16 @@ class TeleoperatorReader:
             self._thread.start()
 
     def read(self, *, received: float | None = None) -> None:
-        """Ask the teleoperator for an action and take it; what it raises is a fault, never an error."""
+        """Get an action from the teleoperator and take it; its exceptions become faults, never errors."""
         try:
             action = self.teleoperator.get_action()
-        except Exception as error:  # a driver's, of whatever kind: the hand holds
+        except Exception as error:  # an error of the driver, of any kind: the hand holds
             self._refuse(error)
             return
         self.take(action, received=received)
 
     def take(self, action: Mapping[str, Any], *, received: float | None = None) -> None:
-        """Take an action; never raises for what is in it.
+        """Take an action; never raises for its content.
 
         received [s]: on the clock of the Follow's ``reference``, that of ``time.monotonic`` for None.
         """

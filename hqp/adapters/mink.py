@@ -33,9 +33,9 @@ def solve_ik(
 ) -> Vec:
     """Velocity ``(nv,)`` in MuJoCo's tangent space, as mink's solve_ik gives it.
 
-    solver: as a Controller takes it.  limits, constraints, safety_break: as mink's; ``damping`` and ``lm_damping``
-    have no counterpart.  Tasks without compute_error (kinetic energy) are refused by Python.  Raises NotSolved where
-    no usable answer was found, DeclarationError for tasks mixed with levels, and mink's NotWithinConfigurationLimits.
+    solver: argument of Controller.  limits, constraints, safety_break: as mink's; ``damping`` and ``lm_damping`` have
+    no counterpart.  Tasks without compute_error (kinetic energy) are refused by Python.  Raises NotSolved where no
+    usable answer was found, DeclarationError for tasks mixed with levels, and mink's NotWithinConfigurationLimits.
     """
     configuration.check_limits(safety_break=safety_break)
     if limits is None:

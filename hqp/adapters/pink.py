@@ -35,8 +35,8 @@ def solve_ik(
 ) -> Vec:
     """Velocity ``(nv,)`` as pink's solve_ik gives it, from strict levels where ``tasks`` holds sequences of tasks.
 
-    solver: as a Controller takes it.  limits, barriers, constraints, safety_break: as pink's; a barrier's penalty on
-    safe displacements is left out, and so is ``lm_damping``.  Raises NotSolved where no usable answer was found,
+    solver: argument of Controller.  limits, barriers, constraints, safety_break: as pink's; a barrier's penalty on safe
+    displacements is left out, and so is ``lm_damping``.  Raises NotSolved where no usable answer was found,
     DeclarationError for tasks mixed with levels, and pink's NotWithinConfigurationLimits.
     """
     configuration.check_limits(safety_break=safety_break)

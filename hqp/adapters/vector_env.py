@@ -20,11 +20,11 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
 
     action = (offset of each target, in the order given) ``(num_envs, n)``, within ``reach`` [m, rad]; observation
     ``(num_envs, nq + nv)``: q and v.  controller: at torque level.  robot: floating or fixed, joints of one axis.
-    targets: names of elements whose references are numbers (Position, Com).  dt: of a tick and a step of MuJoCo [s];
-    an action is held for ``frame_skip`` ticks.  spread: of the joints where a world begins [rad].
-    reward: of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: of (q, v), which worlds end; by default with
-    a base 0.2 m lower than at home, or a state that is not finite.
-    The info's status is the worst of those ticks.  Raises DeclarationError for another level or target, or frame_skip.
+    targets: names of elements whose references are numbers (Position, Com).  dt: period of a tick and a step of MuJoCo
+    [s]; an action is held for ``frame_skip`` ticks.  spread: spread of the joints at the start of a world [rad].
+    reward: function of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: function of (q, v) with the mask of
+    worlds that end; by default with a base 0.2 m lower than at home, or a state that is not finite.  The info's status
+    is the worst of those ticks.  Raises DeclarationError for another level or target, or frame_skip.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012

@@ -1,4 +1,4 @@
-"""Arguments that the subcommands of `hqp` share, and what they stand for."""
+"""Shared arguments of the subcommands of `hqp`, and their conversion."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_robot(parser: argparse.ArgumentParser, name: str, **given: Any) -> None:
 
 
 def read_robot(arguments: argparse.Namespace, rotors: bool | float = False) -> Robot:
-    """The robot that the arguments name; raises HqpError for what does not load."""
+    """The robot that the arguments name; raises HqpError if it does not load."""
     from hqp import robots
 
     robot = robots.load(arguments.robot, floating=arguments.floating, rotors=rotors)
@@ -63,7 +63,7 @@ def _angles(text: str, robot: Robot) -> Any:
 
 
 def read_stack(arguments: argparse.Namespace) -> tuple[Stack, Robot, Formulation]:
-    """The stack, robot and formulation that the arguments name; raises HqpError for what does not load."""
+    """The stack, robot and formulation that the arguments name; raises HqpError if one does not load."""
     from hqp import serial
 
     return serial.load(arguments.stack), read_robot(arguments), formulation(arguments.formulation)

@@ -1,4 +1,5 @@
-"""What hqp finds on this machine: versions, compiled parts, BLAS threads, optional packages, and how to mend each."""
+"""Report of hqp's installation on this machine: versions, compiled parts, BLAS threads, optional packages, and how to
+mend each."""
 
 from __future__ import annotations
 
@@ -46,9 +47,9 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 
 @dataclass(frozen=True)
 class Finding:
-    """One line: what was looked at, what was found, how to mend it ("" where nothing is wrong).
+    """One line: its subject, the result, and the remedy ("" if nothing is wrong).
 
-    slow: whether it slows the control loop.
+    slow: true if it slows the control loop.
     """
 
     what: str
@@ -107,7 +108,7 @@ def version_of(package: str) -> str:
 
 
 def blas_threads() -> int | None:
-    """The most threads that a BLAS of NumPy or SciPy would take, None where it does not say."""
+    """The most threads that a BLAS of NumPy or SciPy would use, None if unknown."""
     asked = [count for library in _blas_libraries() if (count := _asked(library)) is not None]
     if asked:
         return max(asked)
@@ -143,7 +144,7 @@ def _asked(library: Path) -> int | None:
 
 
 def table(found: list[Finding]) -> str:
-    """The findings as aligned lines; what can be mended says how."""
+    """The findings as aligned lines; each fault with its remedy."""
     width = max(len(finding.what) for finding in found)
     lines = []
     for finding in found:

@@ -1,4 +1,4 @@
-"""What a measurement was made on and with: machine, versions, commit, seed."""
+"""Conditions of a measurement: machine, versions, commit, seed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PACKAGES = (
 
 
 def manifest(**settings: Any) -> dict[str, Any]:
-    """Everything needed to know what a figure means; settings: of the run itself."""
+    """Context of a figure; settings: settings of the run itself."""
     import hqp
 
     return {

@@ -11,7 +11,7 @@ from hqp.errors import HqpError
 def one_thread() -> AbstractContextManager[Any]:
     """Limit BLAS to one thread inside a ``with``; raises HqpError without the extra ``lab``."""
     try:
-        import rich  # noqa: F401  # of the tables that follow: better said before minutes of work than after
+        import rich  # noqa: F401  # of the tables that follow: fail before minutes of work, not after
         from threadpoolctl import threadpool_limits
     except ImportError as error:
         raise HqpError(f"compare and bench need {error.name}: pip install 'hqp[lab]'") from error

@@ -1,4 +1,4 @@
-"""The same stack through several solvers, tick by tick, and the table of what came out."""
+"""Run a stack through several solvers, tick by tick, and compare the results in a table."""
 
 from __future__ import annotations
 

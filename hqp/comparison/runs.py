@@ -47,15 +47,14 @@ def compare(
     repeats: int = 5,
     price: Priced | Literal["both"] = 0,
 ) -> Comparison:
-    """The same copied problems through every solver, each with one warm workspace.
+    """Solve equal copied problems with every solver, each with one warm workspace.
 
     states: (q, v) pairs, with hold values taken at home; by default 20 that a loop passes, which follows targets drawn
     around home while ``subject_to`` holds.  references: take the place of drawn targets.  solvers: names, Solver
-    values, or "all" that are available.  repeats: solves per state.
-    A solver without inequalities gets the problem without them and is judged on the whole of it.  price: as a
-    Controller takes it, 0 (every level exact) by default, so that all solvers have one answer; "both" solves exact and
-    priced levels side by side, the latter by the solvers that can.  BLAS takes one thread meanwhile: matrices are too
-    small for more.
+    values, or "all" that are available.  repeats: solves per state.  A solver without inequalities gets the problem
+    without them and is judged on the whole of it.  price: argument of Controller, 0 (every level exact) by default, so
+    that all solvers have one solution; "both" solves exact and priced levels side by side, the latter by the solvers
+    that can.  BLAS takes one thread meanwhile: matrices are too small for more.
     """
     chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
     named = [(item, load(item)) if isinstance(item, str) else (item.name, item) for item in chosen]

@@ -12,7 +12,7 @@ from hqp.markdown import table
 
 @dataclass(frozen=True)
 class Line:
-    """What one solver did over all states.
+    """Result of one solver over all states.
 
     residuals: largest ||w_k|| of each level.  gap: largest certificate gap.  difference: largest entry of the
     command's difference to the first certified strict solver.  Times of the solve call [us].
@@ -77,12 +77,12 @@ class Comparison:
 
     @property
     def title(self) -> str:
-        """What was compared on what."""
+        """Stack, robot and conditions of the comparison."""
         return f"{self.stack}   on {self.robot}, {self.states} states"
 
     @property
     def caption(self) -> str:
-        """How to read the table."""
+        """Explanation of the table."""
         return f"* not strict; |dx| against {self.reference or 'none'}; times of the solve call against 2 ms (500 Hz)"
 
     def markdown(self) -> str:

@@ -1,4 +1,4 @@
-"""What a robot can tell of itself from its own sensors: where its base is, and what pulls at it."""
+"""Estimation from a robot's own sensors: pose of its base, and external forces."""
 
 from hqp.estimation.feet import FeetEstimator
 from hqp.estimation.momentum import MomentumObserver

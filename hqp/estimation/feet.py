@@ -1,4 +1,5 @@
-"""A floating base from what a legged robot senses: an IMU at the base, joint encoders, and feet that stand still."""
+"""Estimation of a floating base from the sensors of a legged robot: an IMU at the base, joint encoders, and feet that
+stand still."""
 
 from __future__ import annotations
 
@@ -26,8 +27,7 @@ class FeetEstimator:
 
     with weights w_i of the feet's loads.  A foot whose velocity v + u_i over the ground, smoothed over SMOOTH, is more
     than SLIPS slips (``slipping``): it counts for nothing until it rests again, where it then stands, or for LOST at
-    most.  The IMU's yaw is not used: nothing that it senses tells it.  Without a foot
-    on the ground the IMU alone goes on.
+    most.  The IMU's yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.
 
     robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
     [s].  q: the configuration at the start ``(nq,)``, which defines the world.  Time constants [s].
@@ -75,15 +75,15 @@ class FeetEstimator:
 
     @property
     def slipping(self) -> tuple[bool, ...]:
-        """Which feet bear load and slip."""
+        """Flags of the feet that bear load and slip."""
         return tuple(since > 0.0 for since in self._slipped)
 
     def update(self, q: Vec, v: Vec, specific_force: Vec, load: Vec) -> tuple[Vec, Vec]:
-        """(q, v) with the estimated base, from what was measured.
+        """Return (q, v) with the estimated base, from measurements.
 
         q, v: joints from the encoders, the base's orientation and its angular velocity in its own axes from the IMU;
-        what they say of its position and linear velocity is not read.  specific_force: of the accelerometer, in the
-        base's axes, at its origin ``(3,)`` [m/s^2].  load: normal force at each foot ``(feet,)`` [N].
+        their position and linear velocity of the base are not read.  specific_force: reading of the accelerometer, in
+        the base's axes, at its origin ``(3,)`` [m/s^2].  load: normal force at each foot ``(feet,)`` [N].
         """
         dt, gyro = self._period, v[3:6]
         measured = rotation_of(q[3:7])
@@ -143,6 +143,6 @@ class FeetEstimator:
 
 
 def _shares(weight: list[float]) -> list[float]:
-    """The same with the sum 1, unless all are zero."""
+    """Scale the weights to the sum 1, unless all are zero."""
     total = sum(weight)
     return [w / total for w in weight] if total > 0.0 else weight

@@ -13,17 +13,17 @@ from hqp.errors import DeclarationError
 
 
 class MomentumObserver:
-    """What moves joints beside motors and gravity, and the force at a frame that would.
+    """Estimates external joint torques beside motors and gravity, and the equivalent force at a frame.
 
-    The residual of the generalised momentum A v follows the joint torques J^T f of what acts from outside,
+    The residual of the generalised momentum A v follows the joint torques J^T f of external forces,
 
         dr/dt = k [A dv/dt + b + g - tau - r],     A dv/dt by differences of measured velocities, A at their middle,
 
     and f is its least-squares solution in the rows of ``joints``, S r = S J^T f.  Rows of a joint between the ground
     and those would hold contact forces, so ``joints`` are those of a limb or of an upper body.
 
-    frame: where the force acts.  joints: a group or names.  coupled: passive joints whose row is added to that of the
-    joint which drives them, times the ratio of their rates, so that the force between the two drops out.
+    frame: point of application of the force.  joints: a group or names.  coupled: passive joints whose row is added to
+    that of the joint which drives them, times the ratio of their rates, so that the force between the two drops out.
     period [s].  bandwidth: k [1/s].  damping: viscous, by tangent coordinate ``(nv,)`` [N m s/rad], none by default.
     Raises FrameNotFound, JointNotFound, DeclarationError for a bad period or bandwidth, or fewer than three rows.
     """
@@ -56,7 +56,7 @@ class MomentumObserver:
             self._rows[row, robot.joints((passive,))[0]] = ratio
         self._damping = np.zeros(robot.nv) if damping is None else np.array(damping, dtype=np.float64)
         self.residual: Vec = np.zeros(robot.nv)
-        """r ``(nv,)`` [N, N m]; of joints between the ground and the limb it holds contact forces too."""
+        """r ``(nv,)`` [N, N m]; for joints between the ground and the limb it holds contact forces too."""
         self._before: tuple[Mat, Vec, Vec] | None = None
         from scipy.linalg import lapack  # an exported plan is followed without SciPy
 
@@ -69,8 +69,9 @@ class MomentumObserver:
     def update(self, state: State, torque: Vec) -> Vec:
         """The force on the robot at the frame ``(3,)`` [N], world axes, after a state and the torque sent for it.
 
-        torque: of the motors during the period that follows ``state`` ``(n_actuated,)`` [N m]; it enters at the next
-        update.  A state or torque that is not finite leaves the estimate as it is, and starts the differences anew.
+        torque: torque of the motors during the period that follows ``state`` ``(n_actuated,)`` [N m]; it enters at the
+        next update.  A state or torque that is not finite leaves the estimate as it is, and starts the differences
+        anew.
         """
         if not state.finite or not np.isfinite(torque).all():
             self._before = None
@@ -86,7 +87,7 @@ class MomentumObserver:
 
     @property
     def rows(self) -> Mat:
-        """S ``(k, nv)``: what picks the rows of the joints, coupled ones added."""
+        """S ``(k, nv)``: selection of the rows of the joints, coupled ones added."""
         return self._rows
 
     def force(self, state: State) -> Vec:

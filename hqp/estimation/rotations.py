@@ -39,7 +39,7 @@ def exponential_rows(x: float, y: float, z: float) -> list[list[float]]:
 
 
 def rotation_of(quaternion: Vec) -> Mat:
-    """Of a quaternion (x, y, z, w) of any length but zero ``(3, 3)``."""
+    """Rotation matrix of a quaternion (x, y, z, w) of any nonzero length ``(3, 3)``."""
     x, y, z, w = quaternion.tolist()
     s = 2.0 / (x * x + y * y + z * z + w * w)
     rows = [

@@ -1,4 +1,4 @@
-"""What a sweep is made of: a function by name, and the cases it is called with, from Python or from TOML."""
+"""Definition of a sweep: a function by name, and the cases it is called with, from Python or from TOML."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SOURCES = (".py", ".toml", ".csv", ".cpp", ".hpp")
 """Suffixes of the files that make up a code version: no binaries, which differ from machine to machine."""
 
 MOST_CASES = 10_000_000
-"""Of one file; they are all held in memory."""
+"""Limit of one file; they are all held in memory."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def load(path: str | Path, *, trust: bool = False) -> Sweep:
     Every value of ``[grid]`` is a list or ``{start, stop, step}``; the cases are the product of the grid with the
     ``[[case]]`` tables, each over ``[fixed]``.  The file is a program: its function is imported here and called by
     ``run``.  trust: any function of any installed package will do, not only those of hqp and of modules in the folder
-    of the file.  Raises DeclarationError for what is none of this, before anything is imported.
+    of the file.  Raises DeclarationError for an invalid file, before anything is imported.
     """
     path = Path(path)
     if sys.version_info >= (3, 11):
@@ -127,7 +127,7 @@ def _require_own(function: str, folder: str) -> None:
         spec = importlib.util.find_spec(top)
     except ValueError:  # a module without a spec, such as __main__
         raise _not_trusted(function) from None
-    if spec is None:  # told when it is imported
+    if spec is None:  # reported by its import
         return
     places = spec.submodule_search_locations or ([spec.origin] if spec.origin and spec.has_location else [])
     if not places or any(Path(place).parent.resolve() != Path(folder) for place in places):
@@ -135,7 +135,7 @@ def _require_own(function: str, folder: str) -> None:
 
 
 def _require_hqp(found: Any, function: str) -> None:
-    """Raise DeclarationError for what a module of hqp has imported from elsewhere."""
+    """Raise DeclarationError for a function that a module of hqp has imported from elsewhere."""
     if not str(getattr(found, "__module__", "")).startswith("hqp."):
         raise _not_trusted(function)
 
@@ -167,7 +167,7 @@ def _values(path: Path, name: str, value: Any) -> Sequence[Any]:
 
 
 def canonical(value: Mapping[str, Any]) -> str:
-    """JSON with sorted keys; raises DeclarationError for what JSON does not have."""
+    """JSON with sorted keys; raises DeclarationError for values without JSON form."""
     try:
         return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -178,11 +178,11 @@ def canonical(value: Mapping[str, Any]) -> str:
 
 @cache
 def resolve(function: str) -> Callable[..., Mapping[str, Any]]:
-    """The function of a name ``package.module:name``; raises DeclarationError where there is none."""
+    """The function of a name ``package.module:name``; raises DeclarationError if there is none."""
     module, colon, name = function.partition(":")
     try:
         found = getattr(importlib.import_module(module), name) if colon else None
-    except Exception as error:  # whatever the module does while it is imported
+    except Exception as error:  # arbitrary errors of the module's import
         raise DeclarationError("sweep", f"no function {function!r}: {error}", allowed="package.module:name") from error
     if not callable(found):
         raise DeclarationError("sweep", "no function", value=function, allowed="package.module:name")

@@ -1,4 +1,4 @@
-"""What calls the function: this process, or the workers of a Ray cluster."""
+"""Execution of the function: this process, or the workers of a Ray cluster."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """For workers: the matrices are too small for more threads of BLAS to pay, and workers fill the machine."""
 
 RETRIES = 3
-"""How often a batch runs again after its worker died, before its cases are tried one by one."""
+"""Number of reruns of a batch after its worker died, before its cases are tried one by one."""
 
 NOT_SENT = ("**/*.parquet", "**/*.npz", "**/*.png", "**/*.mp4", "**/.git", "**/.venv", "**/__pycache__")
-"""Of the folder of the cases, what a cluster does not get."""
+"""Files of the cases' folder that a cluster does not receive."""
 
 BATCH_SECONDS, LARGEST_BATCH = 1.0, 200
 """Cases that take little go out together: a call costs a millisecond."""
 
 
 def carry_out(case: Case, code: str, declared: bool) -> Result:
-    """One case as a row; an exception is a row that tells of it.
+    """One case as a row; an exception becomes a row with its text.
 
     code: version that the caller has; unless it was ``declared`` by hand, a worker with other sources refuses.
     """
@@ -83,12 +83,12 @@ def serial(cases: Iterable[Case], code: str, declared: bool) -> Iterator[list[Re
 
 
 def has_ray() -> bool:
-    """Whether Ray is installed."""
+    """Return true if Ray is installed."""
     return importlib.util.find_spec("ray") is not None
 
 
 class Cluster:
-    """A Ray cluster: of this machine (``local``), the one that runs here (``auto``), or ``ray://host:port``.
+    """A Ray cluster: on this machine (``local``), the one that runs here (``auto``), or ``ray://host:port``.
 
     jobs: workers at a time; all processors of the cluster by default.  Raises DeclarationError without Ray, or where
     no cluster answers.
@@ -103,7 +103,7 @@ class Cluster:
 
         self._ray = ray
         environment: dict[str, Any] = {"env_vars": dict(ONE_THREAD)}
-        if address in ("local", "auto"):  # the same disk: what can be imported here can be imported there
+        if address in ("local", "auto"):  # shared disk: modules importable here are importable there
             environment["env_vars"]["PYTHONPATH"] = os.pathsep.join(
                 dict.fromkeys([os.getcwd(), *filter(None, sys.path)])
             )

@@ -1,4 +1,4 @@
-"""A sweep from beginning to end: what is missing is run, kept and shown."""
+"""A sweep from beginning to end: missing cases are run, kept and shown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Advance = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: cases of the sweep, those found done, those run now, and of these the ones with an error."""
+    """Result of a run: cases of the sweep, those found done, those run now, and of these the ones with an error."""
 
     cases: int
     found: int
@@ -41,10 +41,10 @@ def run(
 ) -> Summary:
     """Run the cases of a sweep that ``out`` does not hold yet.
 
-    on: ``serial``, this process; ``local``, Ray on this machine, or serial without Ray; ``auto``, the Ray cluster
-    that runs here; ``ray://host:10001``.  jobs: workers at a time.  resume: keep what is there; without it a folder
-    with results is refused.  retry: run cases again that ended in an exception.  show: a bar of progress.
-    Raises DeclarationError for another place, a folder in use without ``resume``, or what is not installed.
+    on: ``serial``, this process; ``local``, Ray on this machine, or serial without Ray; ``auto``, the Ray cluster that
+    runs here; ``ray://host:10001``.  jobs: workers at a time.  resume: keep the present results; without it a folder
+    with results is refused.  retry: run cases again that ended in an exception.  show: a bar of progress.  Raises
+    DeclarationError for another engine, a folder in use without ``resume``, or a missing package.
     """
     with Store(out) as store:
         known = store.done(failed=not retry)

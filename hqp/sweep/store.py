@@ -1,4 +1,4 @@
-"""Results on disk: Parquet parts, each written whole or not at all, and what of a sweep is there already."""
+"""Results on disk: Parquet parts, each written whole or not at all, and the finished cases of a sweep."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hqp.errors import DeclarationError
 Row = Mapping[str, Any]
 
 EVERY_ROWS, EVERY_SECONDS = 1000, 5.0
-"""A part is written after so many rows or so long: what a crash can cost."""
+"""A part is written after so many rows or so long: the loss of a crash."""
 
 MANY_PARTS = 64
 """More parts than this are merged when a run ends."""
@@ -53,7 +53,7 @@ class Store:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits as one part."""
+        """Write the waiting rows as one part."""
         if self._waiting:
             self._write(_table(self._waiting))
             self._waiting = []
@@ -77,7 +77,7 @@ class Store:
         return frozenset(found)
 
     def manifest(self, content: Mapping[str, Any]) -> None:
-        """Add what a run was made with to ``manifest.json``, a list with one entry a run."""
+        """Add the settings of a run to ``manifest.json``, a list with one entry a run."""
         path = self.folder / "manifest.json"
         runs = json.loads(path.read_text()) if path.exists() else []
         _replace(path, json.dumps([*runs, dict(content)], indent=1).encode())

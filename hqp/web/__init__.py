@@ -1,1 +1,1 @@
-"""Pages on a port: who may open them."""
+"""Pages on a port: access control."""

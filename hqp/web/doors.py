@@ -1,4 +1,4 @@
-"""Who may talk to the viewer's page: every request is checked before viser sees it.
+"""Access control of the viewer's page: every request is checked before viser sees it.
 
 A browser lets any web page open a websocket to this machine, and a name of an attacker's own may resolve to it.  So a
 request needs a Host that is a name of this machine, no Origin but the page's own, and the token or the password.  A
@@ -26,26 +26,26 @@ NETWORK = (
     "A page open to the network is not encrypted: anybody who reads its token or password there has full control. "
     "Use a trusted network or an SSH tunnel."
 )
-"""What SECURITY.md says of a host that is not this machine alone."""
+"""Warning of SECURITY.md for a host other than this machine alone."""
 
 LOOPBACK = "127.0.0.1"
-"""Where only this machine reaches a page."""
+"""Host that only this machine reaches."""
 
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([a-z0-9_.-]+))(?::[0-9]+)?")
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address, or a name that stands for it."""
+    """Return true if only this machine reaches an address, or the address of a name."""
     return host == "localhost" or ((ip := _ip(host)) is not None and ip.is_loopback)
 
 
 def is_everywhere(host: str) -> bool:
-    """Whether an address stands for all of this machine's."""
+    """Return true if an address stands for all of this machine's."""
     return (ip := _ip(host)) is not None and ip.is_unspecified
 
 
 def listening(host: str) -> str:
-    """The IP address to listen at for a host; raises HqpError where there is none.
+    """The IP address to listen at for a host; raises HqpError if there is none.
 
     One address, as a name of two would get two ports; and viser tries port after port where it cannot listen.
     """
@@ -73,11 +73,11 @@ def _secret() -> str:
 
 @dataclass
 class Doors:
-    """What a request needs to pass.
+    """Requirements on a request.
 
-    host: IP address where the page is served; names: what else it may be called.  token: of its address.  password: is
-    asked for where the token is not given, none if empty.  once: a second token, good for one page: it stands on the
-    command line of the browser that is opened, which every user of the machine can read.
+    host: IP address where the page is served; names: its other names.  token: secret in its address.  password:
+    alternative to the token, none if empty.  once: a second token, good for one page: it stands on the command line of
+    the browser that is opened, which every user of the machine can read.
     """
 
     host: str
@@ -102,7 +102,7 @@ class Doors:
         return HTTPStatus.FORBIDDEN, "open the full address printed by hqp, with its token"
 
     def _is_own(self, host: str) -> bool:
-        """Whether a Host header names this machine; an IP address cannot be made to resolve to another one."""
+        """Return true if a Host header names this machine; an IP address cannot be made to resolve to another one."""
         match = _HOST.fullmatch(host.lower())
         if match is None:
             return False

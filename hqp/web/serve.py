@@ -23,7 +23,7 @@ def serve(doors: Doors, port: int) -> Any:
 
     class Closed(viser.ViserServer):  # type: ignore[misc,unused-ignore]
         def request_share_url(self, verbose: bool = True) -> None:
-            """No tunnel to the public: every client may ask viser for one."""
+            """No tunnel to the public: any client may request one from viser."""
 
     with _guarded(doors), contextlib.redirect_stdout(io.StringIO()):  # viser prints an address without the token
         server = Closed(host=doors.host, port=port, verbose=False, label="hqp")

@@ -89,7 +89,7 @@ class ActiveSet {
 
  private:
   static constexpr double kGood = 1e-10;     // an answer that was judged and has a larger gap is lowered level by level
-  static constexpr double kDigits = 1e-12;   // of the data, relative: those that are not known
+  static constexpr double kDigits = 1e-12;   // relative accuracy of the data: smaller quantities are unknown
   static constexpr double kUnmoved = 1e-10;  // x moves by no more, relative: its ranks are certain enough
   static constexpr double kOtherRanks[] = {0.1, 10.0};  // times the rank tolerance: each is nearly as right
   EqualityProblem& problem_ = state.problem;
@@ -99,13 +99,13 @@ class ActiveSet {
   Judge judge_;
   LevelSearch level_search_;
   double* from_ = nullptr;   // (n,) another point to search from
-  double* last_ = nullptr;   // (n,) the last answer, zero where there is none
+  double* last_ = nullptr;   // (n,) the last solution, zero without one
   double* bound_ = nullptr;  // (rows,) bounds while others stand in their place
   int total_ = 0;            // rows at most
   bool warm_ = false;
 
-  // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from
-  // zero. ended: the search took x for the optimum.
+  // The answer is judged in orthogonal coordinates; a solution that is not optimal is lowered level by level, from x
+  // and then from zero. ended: the search took x for the optimum.
   void certify(bool ended) {
     double* x = state.point.x;
     const int n = problem_.table.n;
@@ -134,7 +134,7 @@ class ActiveSet {
     if (found)
       for (int i = 0; i < n; ++i) x[i] = conditions_.x[i];
     if (!found && passed) {
-      state.outcome = Outcome::rank_uncertain;  // as good as it gets
+      state.outcome = Outcome::rank_uncertain;  // no further improvement possible
       return;
     }
     if (!found && deadline.passed()) {
@@ -175,15 +175,15 @@ class ActiveSet {
     if (!settled) state.outcome = Outcome::rank_uncertain;
   }
 
-  // An optimum is uncertain if it is one only because of rows whose forces are smaller than its allowed gap: rows that
-  // are nearly opposed have such forces by rounding, and whether they are held decides what is left to choose.
+  // An optimum is uncertain if it is one only because of rows whose forces are smaller than its allowed gap: nearly
+  // opposed rows have such forces by rounding, and holding them or not decides the remaining freedom.
   void doubt_forces() {
     if (state.outcome == Outcome::optimal && judge_.rests_on_less(Conditions::kSlop))
       state.outcome = Outcome::rank_uncertain;
   }
 
-  // Whether the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative, where what
-  // its rows are worth is off by kDigits, where the rank tolerance is another, or where growth casts no doubt.
+  // Return true if the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative,
+  // under an error of kDigits in the multipliers, another rank tolerance, or growth without doubt.
   bool moves() {
     Table& table = problem_.table;
     const bool cut = problem_.tableau.cut_by_growth;
@@ -224,7 +224,7 @@ class ActiveSet {
     return !still;
   }
 
-  // Whether the equality problem has its solution at x, but for what does not count.
+  // Return true if the equality problem has its solution at x, within tolerance.
   bool is_still() const {
     const Table& table = problem_.table;
     const double* x = state.point.x;

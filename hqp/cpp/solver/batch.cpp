@@ -41,7 +41,8 @@ class Batch {
     }
   }
 
-  // Index of the first hierarchy that has another shape or needs a conversion, -1 if there is none. They must live on.
+  // Read the hierarchies; return the index of the first that has another shape or needs a conversion, -1 if there is
+  // none. They must live on.
   long read(const nb::list& hierarchies) {
     const std::size_t count = hierarchies.size();
     const double* prices = nullptr;
@@ -143,7 +144,7 @@ class Batch {
         try {
           others.emplace_back(work, std::ref(workers_[w]));
         } catch (const std::system_error&) {
-          break;  // fewer threads than asked for
+          break;  // fewer threads than requested
         }
       }
       work(workers_[0]);
@@ -177,7 +178,8 @@ class Batch {
     return worker;
   }
 
-  // The stages of the levels that an exact answer does not settle; unsure where there is more to tell than an optimum.
+  // The stages of the levels that an exact answer does not settle; the outcome is unsure if it needs more than an
+  // optimum.
   void follow(Worker& worker, std::size_t i, hqp::Answer& answer, double* points) {
     hqp::PricedStages& stages = *worker.stages;
     const hqp::Problem& problem = problems_[i];

@@ -71,7 +71,7 @@ class Workspace final : public hqp::SolveCall {
   nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() {
     return {exact().multipliers().data(), {std::size_t(exact().pairs())}, nb::find(this)};
   }
-  // Of the latest stages: their points (levels, n), and the answer.
+  // Results of the latest stages: their points (levels, n), and the answer.
   nb::ndarray<nb::numpy, double, nb::ndim<2>> points() {
     return {core_.points().data(), {priced_.size(), std::size_t(n_)}, nb::find(this)};
   }
@@ -95,14 +95,14 @@ class Workspace final : public hqp::SolveCall {
     require_bound();
     return core_.run(v);
   }
-  // Seconds for the next solves, none if zero; of the exact kernel, and of all else.
+  // Seconds for the next solves, none if zero; limits the exact kernel, and all else.
   void limit(double seconds) override { core_.limit(seconds); }
   void limit_exact(double seconds) { exact().limit(seconds); }
   void limit_stages(double seconds) { core_.limit_stages(seconds); }
-  // The same for another native module.
+  // Return the capsule for another native module.
   nb::capsule call() { return hqp::capsule_of(this); }
 
-  // What solution() builds: the class, the statuses by outcome, and the slices of each level.
+  // Set the arguments of solution(): the class, the statuses by outcome, and the slices of each level.
   void report_as(const nb::object& solution, const nb::tuple& statuses, const nb::tuple& slack, const nb::tuple& active,
                  const nb::tuple& multipliers, const nb::str& stopped, const nb::str& unsure) {
     if (!PyType_Check(solution.ptr()) || statuses.size() != kOutcomes)
@@ -116,10 +116,9 @@ class Workspace final : public hqp::SolveCall {
     head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
   }
 
-  // Bind what is not bound yet, solve, and build the Solution from copies of the views given, all in one locked call;
-  // None if the arrays need a conversion or the numbers are not usable. The fields are set past the frozen class's own
-  // initialiser, which would cost as much as the factorisation; slacks, marks and counts are cut out of the copy when
-  // they are asked for.
+  // Bind new arrays, solve, and build the Solution from copies of the views given, all in one locked call; None if the
+  // arrays need a conversion or the numbers are not usable. The fields are set past the frozen class's own initialiser,
+  // which would cost as much as the factorisation; slacks, marks and counts are cut out of the copy on first access.
   nb::object solution(const nb::object& hierarchy, double build_seconds, const nb::object& all_numbers,
                       const nb::object& all_multipliers) {
     if (!solution_.is_valid()) refuse("call report_as first");
@@ -148,7 +147,7 @@ class Workspace final : public hqp::SolveCall {
     return made;
   }
 
-  // The same, and its prices where it has some.
+  // Bind the hierarchy, and its prices if it has some.
   bool price(const nb::object& hierarchy) {
     const Lock lock(busy_);
     hqp::Law law;
@@ -186,7 +185,7 @@ class Workspace final : public hqp::SolveCall {
     return nb::make_tuple(latest.iterations(), latest.ended(), latest.uncertain(), latest.undecided(),
                           latest.doubtful());
   }
-  // slack (rows) and marks (rows) of x, as in Solution; whether a constraint is violated.
+  // slack (rows) and marks (rows) of x, as in Solution; return true if a constraint is violated.
   bool describe(const Vector& x, const Written& slack, const WrittenMarks& marks) {
     const std::size_t total = std::size_t(exact().total());
     return core_.describe(sized(x, n_), sized(slack, total), sized(marks, total));
@@ -202,8 +201,8 @@ class Workspace final : public hqp::SolveCall {
     double* const numbers = (teller ? teller : &exact())->multipliers().data();
     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(numbers, {count}, nb::find(this)));
   }
-  // What account() reads beside the rows: the element of each, and how close to rest an inequality holds that binds in
-  // a stage alone.  False where the rows have to be converted.
+  // Set the inputs of account() beside the rows: the element of each, and how close to rest an inequality holds that
+  // binds in a stage alone.  False where the rows have to be converted.
   bool accounts(const nb::object& hierarchy, const Slots& owner, int elements, double near) {
     const Lock lock(busy_);
     sized(owner, std::size_t(exact().total()));
@@ -218,8 +217,8 @@ class Workspace final : public hqp::SolveCall {
     near_ = near;
     return true;
   }
-  // What holds every level back, of the latest solve, for the slacks of all rows, the answer and the multipliers of
-  // the first exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
+  // Write the shares of every level, of the latest solve, for the slacks of all rows, the solution and the multipliers
+  // of the first exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
   void account(const Vector& w, const Vector& x, const Vector& told, const Written& out) {
     const Lock lock(busy_);
     const std::size_t E = static_cast<std::size_t>(elements_), levels = priced_.size();
@@ -348,10 +347,10 @@ class Workspace final : public hqp::SolveCall {
   hqp::LevelSolve core_;
   hqp::Reader reader_;
   nb::object kept_, priced_by_, solution_, head_;
-  const PyObject* bound_ = nullptr;  // what was bound, alive in `kept_`; null if nothing is
+  const PyObject* bound_ = nullptr;  // the bound hierarchy, alive in `kept_`; null if nothing is
   nb::tuple statuses_, parts_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
-  std::vector<std::int32_t> owner_;  // of each row
+  std::vector<std::int32_t> owner_;  // one per row
   int elements_ = 0;
   double near_ = 0.0;
   Keys key_;

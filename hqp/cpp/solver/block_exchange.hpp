@@ -9,12 +9,12 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// The lexicographically best point of the exchanges, and what works there: where the descent begins.
+// The lexicographically best point of the exchanges, and its working set: start of the descent.
 struct Start {
   WorkingSet set;
   double* x = nullptr;      // (n,)
-  double* slack = nullptr;  // (blocks,) norms of what the levels miss
-  int optimal = 0;          // so many of the highest levels are as low as they can be
+  double* slack = nullptr;  // (blocks,) norms of the slacks of the levels
+  int optimal = 0;          // number of leading levels at their optimum
   bool current = false;     // the equality problem and its multipliers are still those of this set
 
   void layout(Arena& arena, int n, int rows, int blocks) {

@@ -22,7 +22,8 @@ class BoundKernel {
   Options options;
   std::vector<Level> levels;  // to be filled by whoever binds it, as is the problem
   Problem problem;
-  const double* prices = nullptr;  // of the problem, which may be refilled: all zero, or this is no problem to solve
+  const double* prices =
+      nullptr;  // prices of the problem, which may be refilled: all zero, or this is no problem to solve
 
   Answer solve() {
     Answer answer;
@@ -53,7 +54,7 @@ class BoundKernel {
   int total() const { return total_; }
   int pairs() const { return pairs_; }
   const std::vector<int>& rows() const { return rows_; }
-  std::size_t ends() const { return ends_; }           // of x and slacks in numbers(), where the marks begin
+  std::size_t ends() const { return ends_; }           // end of x and slacks in numbers(), start of the marks
   std::vector<double>& numbers() { return numbers_; }  // x, slacks, and the marks as bytes behind them
   std::int8_t* marks() { return reinterpret_cast<std::int8_t*>(numbers_.data() + ends_); }
   std::vector<double>& multipliers() { return lambda_; }

@@ -1,4 +1,4 @@
-// How a working set differs from the one that the tableau stands for, while that is little and known.
+// Changes of a working set since the tableau's factorisation, while few and known.
 #pragma once
 
 #include <cstdint>
@@ -6,7 +6,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr int kChanges = 24;  // so many at most between factorisations
+constexpr int kChanges = 24;  // most changes between factorisations
 
 struct Changes {
   bool known = false;  // nothing else changed

@@ -1,4 +1,5 @@
-// The conditions of optimality at a point, level by level, in orthogonal coordinates: those of hqp/problem/certify.py.
+// The conditions of optimality at a point, level by level, in orthogonal coordinates: the conditions of
+// hqp/problem/certify.py.
 #pragma once
 
 #include "nonnegative.hpp"
@@ -11,9 +12,9 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// At level k the gradient A_k' w_k, in the null space of the rows fixed so far, must be a combination of the active
-// rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable, then the
-// table's. All rows count with unit length.
+// At level k the gradient A_k' w_k, in the null space null space of the rows fixed so far, must be a combination of the
+// active rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable,
+// then the table's. All rows count with unit length.
 struct Conditions {
   static constexpr double kRank = 1e-10;  // a row of unit length adds a fixed direction above this
   static constexpr double kClear = 1e-6;  // one that leaves less than this is nearly dependent
@@ -29,8 +30,8 @@ struct Conditions {
   int n = 0, all = 0;            // variables; they and the table's rows
   double* x = nullptr;           // (n,) the point
   double* v = nullptr;           // (all,) values of the rows at x
-  double* terms = nullptr;       // (all,) what these are the sums of, in magnitude
-  double* w = nullptr;           // (rows of a level,) what the level at hand misses
+  double* terms = nullptr;       // (all,) sums of the magnitudes of their terms
+  double* w = nullptr;           // (rows of a level,) slacks of the present level
   std::int8_t* state = nullptr;  // (all,)
   std::int8_t* side = nullptr;   // (all,) at which an open row is active, 0 if it is not
   std::int8_t* held = nullptr;   // (all,) at which a row held a level back, 0 if at none
@@ -45,7 +46,7 @@ struct Conditions {
   Deadline deadline;                // after it nothing that is found is usable
   double activity = kSlop;          // tolerance of activity, relative to a row's terms
   double threshold = kRank;         // a direction counts above this
-  double shortest = 1.0;            // of those that count: its inverse magnifies rounding
+  double shortest = 1.0;            // shortest significant direction: its inverse magnifies rounding
   double closest = kInfinity;       // nearest a direction came to kRank, as a ratio >= 1
   double faintest = kInfinity;      // least force that counts as holding a level back, relative
   bool twisted = false;             // in coordinates turned by a reflection, where rounding falls otherwise
@@ -84,7 +85,7 @@ struct Conditions {
     columns.deadline = &deadline;
   }
 
-  // Nothing but the box is fixed at x. tolerance: of activity, relative to a row's terms.
+  // Nothing but the box is fixed at x. tolerance: tolerance of activity, relative to a row's terms.
   void begin(double tolerance) {
     activity = tolerance;
     null_space.rank = 0;
@@ -108,7 +109,7 @@ struct Conditions {
     return kSlop + smaller(kTurned, kData * (1.0 / shortest + forces));
   }
 
-  // What is left of the level's gradient once the best multipliers of the active rows are taken away, relative.
+  // Return the relative remainder of the level's gradient after subtracting the best multipliers of the active rows.
   double gap_of(int k) {
     const Block& b = table->block[k];
     active = columns.count = own_count_ = 0;
@@ -133,8 +134,8 @@ struct Conditions {
     const Table& t = *table;
     const Block& b = t.block[k];
     listed_ = 0;
-    const double least =
-        larger(lock, 100.0 * own);  // of a force in the null space; what the gap could have made says nothing
+    const double least = larger(
+        lock, 100.0 * own);  // lock of a force in the null space; a force within the gap's effect is not significant
     for (int a = 0; a < active; ++a) {
       const int q = id[a];
       const double force = columns.mu[a] * null_space.length(projected(q));
@@ -171,7 +172,7 @@ struct Conditions {
     return std::sqrt(square);
   }
 
-  // Which open rows are active at x.
+  // Find the active rows among the open rows at x.
   void find_active() {
     for (int a = 0; a < open_count; ++a) {
       const int q = open[a];
@@ -198,8 +199,8 @@ struct Conditions {
     }
   }
 
-  // The rows of level k that miss or are equalities, as least squares in the null space of fixed and kept rows; if
-  // asked, with their coefficients along the kept rows as further columns. Returns how many they are. The kept rows
+  // The rows of level k that miss or are equalities, as least squares in the null space of fixed and kept rows; on
+  // request, with their coefficients along the kept rows as further columns. Returns how many they are. The kept rows
   // stay in `null_space` until its rank is set back.
   int set_face(int k, const int* kept, int count, bool with_kept = false) {
     const Table& t = *table;
@@ -227,10 +228,10 @@ struct Conditions {
     return m;
   }
 
-  // What row r of level k misses and sums up, in magnitude.
+  // Slack of row r of level k plus the magnitudes of its terms.
   double extent(int k, int r) const { return std::fabs(w[r - table->block[k].begin]) + terms[n + r]; }
 
-  // Rows that may hold the level at hand back: those that are open, or were, and its own at a bound where it is graded.
+  // Rows that may hold the level at hand back: open rows, formerly open rows, and its own at a bound if it is graded.
   int candidates() const { return open_count + own_count_; }
   int candidate(int a) const { return a < open_count ? open[a] : own_[a - open_count]; }
 
@@ -258,17 +259,17 @@ struct Conditions {
 
  private:
   static constexpr double kData = 4e-15;   // rounding of rows of unit length
-  static constexpr double kTurned = 5e-7;  // what it may make of a gap at most
-  static constexpr double kSeen = 1e-7;    // of a row: a longer direction is one to every solver
+  static constexpr double kTurned = 5e-7;  // largest effect on a gap
+  static constexpr double kSeen = 1e-7;    // share of a row: a longer direction is one to every solver
   static constexpr double kStill = 1e-12;  // a step of a graded level that is no step, relative to x
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
   double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
-  double scale_ = 0.0;  // of the gradient at hand
+  double scale_ = 0.0;  // size of the present gradient
   int *applied_ = nullptr, *list_ = nullptr, *actives_ = nullptr, *own_ = nullptr;
 
-  // A level's own inequalities at a bound, where that is nearer than a step that counts: what they miss may be anything
-  // so small, and so they have a multiplier like the open rows above.
+  // A level's own inequalities at a bound, where that is nearer than a step that counts: their slack is arbitrary
+  // within the step, so they have a multiplier like the open rows above.
   void find_own_active(int k) {
     const Table& t = *table;
     const Block& b = t.block[k];
@@ -286,7 +287,7 @@ struct Conditions {
     }
   }
 
-  // Whether a row of a level has a direction: it is not left out, nor zero but for rounding.
+  // Return true if a row of a level has a direction: it is not left out, nor zero but for rounding.
   bool is_row(const Block& b, int r) const {
     return table->kind[r] != kFree && table->norm[r] > larger(1e-13 * b.norm, b.rounding);
   }
@@ -301,8 +302,8 @@ struct Conditions {
     id[active++] = q;
   }
 
-  // y_ of a level whose rows differ in length; false where it is zero. Rounding of what a long row misses would hide
-  // the forces of the short ones: it is taken apart by least squares on the face of the active rows, and left out.
+  // y_ of a level whose rows differ in length; false where it is zero. Rounding of a long row's slack would hide the
+  // forces of the short ones: it is taken apart by least squares on the face of the active rows, and left out.
   bool graded_gradient(int k) {
     const int base = null_space.rank;
     int count = 0;
@@ -319,8 +320,8 @@ struct Conditions {
     return true;
   }
 
-  // What level k could still fall by where its own directions are clear and the active rows stay active, relative to
-  // its terms, beyond what does not count of a row of its length: a gradient along rows that are short says little.
+  // Return the possible decrease of level k along clear directions with the active rows kept, relative to its terms,
+  // beyond the tolerance of a row of its length: a gradient along short rows means little.
   double fall(int k) {
     const Table& t = *table;
     const Block& b = t.block[k];
@@ -337,7 +338,7 @@ struct Conditions {
     return reach > rounding ? (reach - rounding) / most : 0.0;
   }
 
-  // Row q as `projected` left it, in t_, with the reflections from `base` on; the length of what they leave.
+  // Row q as `projected` left it, in t_, with the reflections from `base` on; returns the length of their remainder.
   double turned(int q, int base) {
     const double* from = row(q);
     for (int j = 0; j < n; ++j) t_[j] = from[j];
@@ -406,7 +407,7 @@ struct Conditions {
     }
   }
 
-  // Shrink the null space by the rows in `list_`. Where one is nearly dependent their singular values decide.
+  // Shrink the null space by the rows in `list_`. If one is nearly dependent, singular values decide.
   void fix() {
     const int base = null_space.rank, rows = listed_;
     listed_ = 0;
@@ -435,7 +436,7 @@ struct Conditions {
     return factor_.reduce(null_space, most);
   }
 
-  // Whether a length is one of a direction, which is fixed then.
+  // Return true if a length is that of a direction, which is fixed then.
   bool decide(double length) {
     closest = smaller(closest, length > kRank ? length / kRank : kRank / larger(length, 1e-300));
     if (length > threshold) shortest = smaller(shortest, length);

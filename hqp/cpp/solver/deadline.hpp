@@ -1,4 +1,4 @@
-// When a search has to end with what it has.
+// Deadline of a search.
 #pragma once
 
 #include <ctime>
@@ -22,7 +22,7 @@ class Deadline {
     missed_ = false;
   }
 
-  // Whether it has passed.
+  // Return true if the deadline has passed.
   bool passed() {
     if (!missed_ && end_ > 0.0) missed_ = now() > end_;
     return missed_;
@@ -33,7 +33,7 @@ class Deadline {
     if (end_ > 0.0) looked_ = now();
   }
 
-  // Whether so many more turns like the one since the last such question would pass it.
+  // Return true if this many more turns of the duration since the last call would pass it.
   bool too_near(double turns) {
     if (missed_ || end_ == 0.0) return missed_;
     const double time = now(), lap = time - looked_;

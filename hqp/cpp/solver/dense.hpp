@@ -209,7 +209,7 @@ static inline double dot_any(const double* x, const double* y, int n) {
   return s;
 }
 
-// The same of their magnitudes.
+// Return the sum of the magnitudes of the products.
 static inline double absolute_dot(const double* x, const double* y, int n) {
   Vec4 a = splat(0.0);
   int j = 0;
@@ -250,7 +250,7 @@ static inline void dots_any(const double* x, const double* Y, int ld, int count,
   for (; i < count; ++i) to[i] = dot_any(x, Y + static_cast<std::ptrdiff_t>(i) * ld, n);
 }
 
-constexpr int kTerms = 64;  // of a sum of rows, gathered at a time
+constexpr int kTerms = 64;  // number of gathered terms in a sum of rows
 
 // A sum of rows that is added to another, which has to be apart from them; zeros cost little.
 struct Terms {

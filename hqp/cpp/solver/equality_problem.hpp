@@ -60,8 +60,8 @@ struct EqualityProblem {
   }
 
  private:
-  // Without a factorisation, where the changes are known: what left leaves in front of the level that asked for it;
-  // what joined joins in front of the level that ended the tableau, or else of the one the last step went for.
+  // Without a factorisation, where the changes are known: a leaving row leaves in front of the level that requested it;
+  // a joining row joins in front of the level that ended the tableau, or else of the one that the last step aimed at.
   bool update() {
     const Changes& changes = set.changes;
     if (!updating || !changes.known) return false;

@@ -10,7 +10,7 @@ class GramLevel {
  public:
   explicit GramLevel(Tableau& tableau) : t_(tableau) {}
 
-  // Whether a selection sees every variable that is left.
+  // Return true if a selection covers every remaining variable.
   bool fits(int k) {
     const Stage& s = t_.stage[k];
     const Block& b = t_.table->block[k];
@@ -27,7 +27,7 @@ class GramLevel {
     return t_.least > 1e-6 * most;
   }
 
-  // minimise sum (s x - b)^2 over what is left: H = D + G' S G, Cholesky; false if H is badly conditioned.
+  // minimise sum (s x - b)^2 over the remaining variables: H = D + G' S G, Cholesky; false if H is badly conditioned.
   bool solve(int k, const std::int8_t* W) {
     Stage& s = t_.stage[k];
     const Block& b = t_.table->block[k];

@@ -17,8 +17,8 @@ class Judge {
 
   explicit Judge(Conditions& conditions) : at_(conditions) {}
 
-  // Whether the point is optimal under either reading of small multipliers, and of directions near kRank; false after
-  // the deadline.
+  // Return true if the point is optimal under either reading of small multipliers, and of directions near kRank; false
+  // after the deadline.
   bool judge(const double* point) {
     for (int i = 0; i < at_.n; ++i) at_.x[i] = point[i];
     at_.closest = kInfinity;
@@ -34,7 +34,7 @@ class Judge {
     return passed;
   }
 
-  // Whether the point that passed would fail if rows with smaller forces than this were not held.
+  // Return true if the accepted point would fail without rows of smaller force than this.
   bool rests_on_less(double force) {
     if (!(at_.faintest < force)) return false;
     const double found = gap;
@@ -52,7 +52,7 @@ class Judge {
   Conditions& at_;
   double reading_ = Conditions::kRank;  // threshold of the latest verdict
 
-  // Where ill-conditioned the same verdict again, in coordinates in which rounding falls otherwise.
+  // If ill-conditioned, repeat the verdict in coordinates with different rounding.
   bool pass_twice(double lock) {
     if (!pass(lock)) return false;
     if (at_.shortest > kWell) return true;

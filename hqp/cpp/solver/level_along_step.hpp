@@ -34,7 +34,7 @@ struct LevelAlongStep {
     return s;
   }
 
-  // Where it is lowest on [0, alpha]: Newton within a bracket, down to a slope of `flat` times that at 0.
+  // Return the minimiser on [0, alpha]: Newton within a bracket, down to a slope of `flat` times that at 0.
   double lowest(double alpha, double flat) const {
     double curvature, low = 0.0, high = alpha, a = alpha;
     const double least = flat * std::fabs(slope(0.0, curvature));

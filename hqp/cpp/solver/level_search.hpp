@@ -25,7 +25,7 @@ class LevelSearch {
     arena.place(t_, n);
   }
 
-  // Lower level after level from a point, which keeps the box; true if what is reached is optimal.
+  // Lower level after level from a point, which keeps the box; true if the final point is optimal.
   bool search(const double* from) {
     solves = 0;
     at_.deadline.turn();
@@ -44,7 +44,7 @@ class LevelSearch {
  private:
   static constexpr int kPasses = 4;         // over all levels
   static constexpr int kTurns = 400;        // non-negative least squares a level
-  static constexpr int kIdle = 3;           // of them without progress end a level whose gap passes,
+  static constexpr int kIdle = 3;           // steps without progress that end a level whose gap passes,
   static constexpr int kLast = 16;          // and so many any level
   static constexpr double kGain = 1e-10;    // of ||w_k||: progress
   static constexpr double kStill = 1e-14;   // of ||w_k||: rounding
@@ -174,7 +174,7 @@ class LevelSearch {
     return reach > 1e-14 * most;
   }
 
-  // How far along d, at most 1: the open row that blocks, or where the level is lowest (blocking = -1).
+  // Step length along d, at most 1: the open row that blocks, or where the level is lowest (blocking = -1).
   double step(int k, int& blocking) {
     const Table& t = *at_.table;
     t.product(d_, dv_ + at_.n);
@@ -213,7 +213,7 @@ class LevelSearch {
 
   double margin(int q) const { return 1e-13 * (at_.norm(q) + at_.terms[q]); }
 
-  // Whether d takes an open row that is not kept nearer to a bound it has.
+  // Return true if d takes an open row that is not kept nearer to one of its bounds.
   bool towards(int q, double length) const {
     if (at_.state[q] != Conditions::kOpen || !(std::fabs(dv_[q]) > 1e-13 * at_.norm(q) * length)) return false;
     if (!(std::fabs(dv_[q] > 0.0 ? at_.upper(q) : at_.lower(q)) < kInfinity)) return false;
@@ -222,7 +222,7 @@ class LevelSearch {
     return true;
   }
 
-  // Go there; whether the same rows of the level miss afterwards.
+  // Go there; return true if the violated rows of the level are unchanged.
   bool move(int k, double alpha, int blocking) {
     const Table& t = *at_.table;
     for (int i = 0; i < at_.n; ++i) {

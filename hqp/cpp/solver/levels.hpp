@@ -11,7 +11,7 @@ class Levels {
  public:
   explicit Levels(Tableau& tableau) : t_(tableau), pivoting_(tableau), gram_(tableau) {}
 
-  static constexpr double kBias = 3.0;    // of pivots towards variables that the last selection does not see
+  static constexpr double kBias = 3.0;    // bias of pivots towards variables outside the last selection
   static constexpr double kSound = 1e-6;  // pivots of a reduction are no shorter, relative to the level's longest row
   static constexpr int kWorth = 6;        // a reduction eliminates at least one variable in so many
 
@@ -33,8 +33,8 @@ class Levels {
     }
   }
 
-  // Eliminate what the equality rows of the top level decide of variables without bounds, for every working set to
-  // come; false where that saves too little. What was factorised is lost, x is not.
+  // Eliminate the variables without bounds that the equality rows of the top level determine, for every later working
+  // set; false where that saves too little. Factorisations are lost, x is kept.
   bool reduce(Table& whole) {
     const Block& b = whole.block[0];
     Stage& s = t_.stage[0];
@@ -146,7 +146,7 @@ class Levels {
     if (t_.rest == 0) {
       s.residual = -1.0;
       return;
-    }  // nothing left to decide: the residual is what it is
+    }  // nothing left to decide: no freedom left, the residual is final
     for (int r = b.begin; r < b.end; ++r)
       if (W[r] && (b.A || t_.place[b.index[r - b.begin]] != Tableau::kNowhere)) s.rows[s.m++] = r;
     if (s.m == 0) return;

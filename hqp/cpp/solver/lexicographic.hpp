@@ -89,7 +89,7 @@ class Lexicographic final : public Kernel {
                    : level.scale[i] * state_.point.x[level.index[i]];
   }
 
-  // lambda_kj of the last working set: the adjoint sweep of level k, what is left of the gradient on the box.
+  // lambda_kj of the last working set: the adjoint sweep of level k, and the remaining gradient on the box.
   void multipliers(const Problem& problem, Answer& answer) {
     const Table& t = state_.problem.table;
     Multipliers& a = state_.multipliers;

@@ -12,11 +12,11 @@ inline namespace HQP_ISA {
 // the metric is not finite.  left (n): to work in.
 static inline int metric_root(const double* metric, int n, double* rows, double* left) {
   double largest = 0.0;
-  for (int i = 0; i < n; ++i) {  // left: of the diagonal, -1 for a pivot
+  for (int i = 0; i < n; ++i) {  // left: remainder of the diagonal, -1 for a pivot
     const double* row = metric + static_cast<std::ptrdiff_t>(i) * n;
     double zero = 0.0;
     for (int j = 0; j < n; ++j) zero += 0.0 * row[j];
-    if (zero != 0.0) return -1;  // 0 times what is not finite
+    if (zero != 0.0) return -1;  // 0 times a value that is not finite
     left[i] = row[i];
     largest = larger(largest, row[i]);
   }

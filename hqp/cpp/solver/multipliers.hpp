@@ -14,7 +14,7 @@ struct Multipliers {
   double* g = nullptr;       // (n,) gradient
   double* w = nullptr;       // (rows,) slack of the working rows
   double* lambda = nullptr;  // (rows,)
-  double* delta = nullptr;   // (rows,) what refinement changed
+  double* delta = nullptr;   // (rows,) change by refinement
   double* mu = nullptr;      // (n,) multipliers of the held variables
   double* before = nullptr;  // (n,) mu before refinement
   double* y = nullptr;       // scratch
@@ -70,7 +70,7 @@ struct Multipliers {
     }
   }
 
-  // The highest level that asks for a release.
+  // The highest level that requests a release.
   int highest() const {
     int level = table->blocks;
     for (int q = 0; q < count; ++q) level = to_release[q].level < level ? to_release[q].level : level;
@@ -103,7 +103,7 @@ struct Multipliers {
     return 0.0;
   }
 
-  // Whether what a working row misses is no more than rounding.
+  // Return true if the slack of a working row is within rounding.
   bool met(int r, const std::int8_t* W, double span) const {
     return std::fabs(w[r]) <= tolerance * (std::fabs(tableau->bound(r, W)) + table->norm[r] * span);
   }
@@ -117,7 +117,7 @@ struct Multipliers {
       if (w[r] != 0.0) add_row(b, r, w[r]);
   }
 
-  // Multipliers of everything above block k that clear its gradient; mu is what the held variables take.
+  // Multipliers of everything above block k that clear its gradient; mu has the multipliers of the held variables.
   void sweep_above(int k, double* out) {
     for (int r = 0; r < table->block[k].begin; ++r) out[r] = 0.0;
     int q = tableau->extras - 1;
@@ -156,7 +156,8 @@ struct Multipliers {
     add_row(table->block_of(e.row), e.row, f);
   }
 
-  // A second sweep over what the first one left of the gradient; its size tells the error of the first.
+  // Sweep a second time over the gradient's remainder; the size of the correction estimates the error of the first
+  // sweep.
   void refine(int k) {
     const Table& t = *table;
     for (int i = 0; i < t.n; ++i) before[i] = mu[i];
@@ -189,7 +190,7 @@ struct Multipliers {
     open_rows = left;
   }
 
-  // Whether some sign rests on a multiplier so small that rounding of one sweep may have made it.
+  // Return true if some sign depends on a multiplier within the rounding of one sweep.
   bool doubtful(int k, double limit, double rounding) const {
     const double small = 1e6 * rounding;
     for (int q = 0; q < open_rows && open[q] < table->block[k].begin; ++q) {
@@ -237,7 +238,7 @@ struct Multipliers {
     else g[b.index[i]] += f * b.scale[i];
   }
 
-  // Keep what is orthogonal to the level's range: the rest is rounding.
+  // Project onto the orthogonal complement of the level's range: the rest is rounding.
   void project(const Stage& s) {
     for (int i = 0; i < s.m; ++i) y[i] = w[s.rows[i]];
     for (int i = 0; i < s.rank; ++i) s.reflect(i, y);

@@ -16,9 +16,9 @@ class NonnegativeLeastSquares {
   double* mu = nullptr;             // (count,)
   double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
-  double dependent = 1e-12;         // of a column's length, what it must keep to add a direction
+  double dependent = 1e-12;         // share of a column's length that adds a direction
   double rounding = 0.0;            // error of a column's direction, over the least that a column before it kept
-  Deadline* deadline = nullptr;     // where it ends the search, nothing of the answer is usable
+  Deadline* deadline = nullptr;     // if it ends the search, the result is unusable
 
   void layout(Arena& arena, int n, int most) {
     ld_ = padded(n);
@@ -86,7 +86,7 @@ class NonnegativeLeastSquares {
   int* order_ = nullptr;  // (chosen,) passive columns in the order of the factor
   std::int8_t* skip_ = nullptr;
   double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr, *kept_ = nullptr,
-         *t_ = nullptr;  // columns = Q' R, along = Q t, kept: of each column's length, when it joined
+         *t_ = nullptr;  // columns = Q' R, along = Q t, kept: remaining length of each column, when it joined
 
   bool late() const { return deadline && deadline->passed(); }
   double norm(const double* y) const { return std::sqrt(dot_any(y, y, size_)); }

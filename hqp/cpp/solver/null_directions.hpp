@@ -1,4 +1,5 @@
-// Directions that no level below the constraints sees, but for rounding: what rounding says of them decides nothing.
+// Directions that no level below the constraints sees, but for rounding: rounding along these directions decides
+// nothing.
 #pragma once
 
 #include "null_space.hpp"
@@ -8,8 +9,8 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 // Internal forces move nothing: every row of a task is orthogonal to them, but for rounding of the problem's longest
-// row. In a row of length 1e-9, or in what nearly dependent rows leave, that tilts the null space of the rows by 1e-7,
-// and levels below would buy a motion of 1e-4 with 1000 N m of it (hqp/problem/null_directions.py).
+// row. In a row of length 1e-9, or in the remainder of nearly dependent rows, that tilts the null space of the rows by
+// 1e-7, and levels below would buy a motion of 1e-4 with 1000 N m of it (hqp/problem/null_directions.py).
 class NullDirections {
  public:
   void layout(Arena& arena, int n, int rows, int blocks) {
@@ -61,20 +62,21 @@ class NullDirections {
     }
   }
 
-  // Take out of a row of block k what only rounding can have put there; what is as small as the row's own stays.
+  // Remove entries of a row of block k that only rounding can have caused; entries as small as the row's own rounding
+  // stay.
   void clean_row(int k, double* unit) const {
     if (count_ && unseeing_[k] && along(unit) > kOwn) clean(k, unit);
   }
 
-  // The same for a sum of rows.
+  // Clean a sum of rows equally.
   void clean(int k, double* y) const {
     if (!count_ || !unseeing_[k]) return;
     for (int j = 0; j < count_; ++j) add_any(y, Z(j), -dot_any(y, Z(j), n_), n_);
   }
 
  private:
-  static constexpr double kUnseenByMetric = 1e-8;  // of the longest row of the metric's root
-  static constexpr double kOwn = 1e-15;            // of a row of unit length: its own rounding
+  static constexpr double kUnseenByMetric = 1e-8;  // share of the longest row of the metric's root
+  static constexpr double kOwn = 1e-15;            // rounding of a row of unit length: its own rounding
   NullSpace space_;
   int n_ = 0, ld_ = 0, count_ = 0;
   bool known_ = false;

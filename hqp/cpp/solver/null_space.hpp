@@ -1,5 +1,5 @@
 // An orthonormal basis of the null space of rows, as a product of reflections Q = H_0 H_1 ... : the first `rank`
-// entries of Q' a are what the rows determine of a, the others its coordinates in the null space.
+// entries of Q' a are determined by the rows, the others are its coordinates in the null space.
 #pragma once
 
 #include "arena.hpp"
@@ -27,8 +27,8 @@ struct NullSpace {
     for (int i = from; i < rank; ++i) reflect_one(i, y);
   }
 
-  // The same of a row that no reflection was applied to, but for the first `rank` entries, which are left as they are:
-  // where little is left of the space, by a basis of it.
+  // Project a row without reflections applied, except for the first `rank` entries, which stay: if the space is small,
+  // by a basis of it.
   void project_tail(double* y) {
     if (freedom() * kFew > rank) return project(y);
     if (known_rank_ != rank || known_ != added_) {

@@ -8,7 +8,8 @@ inline namespace HQP_ISA {
 
 constexpr double kDiffer = 1e-8;  // norms nearer than this, relative to 1 + the smaller, are the same
 
-// Of two points whose level k misses a(k) and b(k): -1 where the first is better, 1 where the second is, 0 for neither.
+// Compare two points with norms a(k) and b(k) of level k: -1 where the first is better, 1 where the second is, 0 for
+// neither.
 template <class A, class B>
 int lexicographic_order(int levels, const A& a, const B& b) {
   for (int k = 0; k < levels; ++k) {

@@ -14,7 +14,7 @@ class SeenSets {
   void layout(Arena& arena) { arena.place(hashes_, kMost); }
   void forget() { count_ = 0; }
 
-  // Whether it was left before; noted if not.
+  // Return true if it was left before; noted if not.
   bool contains(std::uint64_t hash) {
     for (int q = 0; q < (count_ < kMost ? count_ : kMost); ++q)
       if (hashes_[q] == hash) return true;
@@ -29,7 +29,8 @@ class SeenSets {
 };
 
 // It stops where steps of no length follow one another or a working set comes again. Until the highest levels are
-// optimal the others are left out and x moves no further than those ask: what is far from x is soon stopped by a bound.
+// optimal the others are left out and x moves only as far as those require: a distant target is soon stopped by a
+// bound.
 class PrimalDescent {
  public:
   explicit PrimalDescent(SearchState& state)
@@ -64,7 +65,7 @@ class PrimalDescent {
  private:
   static constexpr int kAll = 1 << 30;
   static constexpr int kAlone = 2;  // highest levels that are solved one after the other, without those below
-  static constexpr int kIdle = 16;  // so many steps of no length may follow one another
+  static constexpr int kIdle = 16;  // largest number of successive steps of no length
   SearchState& state_;
   EqualityProblem& problem_;
   Table& table_;
@@ -119,7 +120,7 @@ class PrimalDescent {
     return true;
   }
 
-  // Go to the solution; whether it violates rows, by rounding that no step sees, which join the working set.
+  // Go to the solution; return true if it violates rows, by rounding that no step sees, which join the working set.
   bool oversteps() {
     state_.go_to_solution();
     if (state_.violations.find(problem_) == 0) return false;
@@ -132,7 +133,7 @@ class PrimalDescent {
     return true;
   }
 
-  // Whether levels are left out below those at hand.
+  // Return true if levels are left out below the present ones.
   bool leaves_out() const { return tableau_.lowest < table_.blocks - 1; }
 
   // From now on all levels count.

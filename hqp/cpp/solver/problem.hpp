@@ -1,4 +1,4 @@
-// What crosses the border of the kernel: views of a problem, options, and the answer. No code, no ISA.
+// Interface of the kernel: views of a problem, options, and the answer. No code, no ISA.
 #pragma once
 
 #include <cstdint>
@@ -43,12 +43,12 @@ enum class Outcome : int {
   invalid = 6,
 };
 
-// Where the answer goes; the arrays are the caller's.
+// Destination of the solution; the arrays are the caller's.
 struct Answer {
   double* x = nullptr;            // (n,)
   double* slack = nullptr;        // (sum m,)
   std::int8_t* active = nullptr;  // (sum m,)
-  double* multipliers = nullptr;  // level k after level k - 1, (m_0 + ... + m_k) each; null if not asked
+  double* multipliers = nullptr;  // level k after level k - 1, (m_0 + ... + m_k) each; null if not requested
   Outcome outcome = Outcome::optimal;
   bool unsure = false;  // ranks were uncertain, though constraints are violated or the data's last digits do not move x
   int iterations = 0;

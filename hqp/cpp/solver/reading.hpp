@@ -43,7 +43,7 @@ class Reader {
     return true;
   }
 
-  // The same of its law, whose prices have been read; false where they are no prices, or of levels that have none.
+  // Read its law, whose prices have been read; false where they are no prices, or of levels that have none.
   bool read_law(const nb::object& hierarchy, int n, const std::vector<char>& priced, const double* prices, Law& law) {
     nb::object given, part;
     const int levels = static_cast<int>(priced.size());

@@ -12,7 +12,7 @@ struct Reduction {
   int* base = nullptr;  // (count,) they
   double* G = nullptr;  // (count, n), zero at those eliminated
   double* c = nullptr;  // (count,)
-  double growth = 1.0;  // how much rounding they may have magnified
+  double growth = 1.0;  // bound on their magnification of rounding
 
   void layout(Arena& arena, int n, int rows, int blocks) {
     const std::size_t wide = static_cast<std::size_t>(n);
@@ -42,8 +42,8 @@ struct Reduction {
     }
   }
 
-  // Put reduced rows and bounds in the table's place. Of its top equality rows `left` remain, as `rest` has them in all
-  // variables, [rhs | coefficients] with stride ld.
+  // Put reduced rows and bounds in the table's place. `left` of its top equality rows remain, with the coefficients of
+  // `rest` in all variables, [rhs | coefficients] with stride ld.
   void apply(Table& t, const double* rest, int left, int ld) {
     gone_count_ = 0;
     for (int r = 0; r < t.rows; ++r) {

@@ -1,4 +1,4 @@
-// Rows by falling length, each orthogonal to those before it, and the singular values of what is nearly dependent.
+// Rows by falling length, each orthogonal to those before it, and the singular values of nearly dependent ones.
 #pragma once
 
 #include "deadline.hpp"
@@ -8,9 +8,9 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 // A P = R' Q': Householder with pivoting takes rows, as columns here, into a triangular factor R (rank, width), and its
-// reflections into a NullSpace. Where the last rows of R are short they are made orthogonal to those above the gap (the
+// reflections into a NullSpace. If the last rows of R are short they are made orthogonal to those above the gap (the
 // second factor of Stewart 1999) and to one another by one-sided Jacobi rotations: their lengths are the small singular
-// values then, and direction j is what row j has become a sum of. Without a gap all rows are rotated.
+// values then, and direction j is the sum that row j has become. Without a gap all rows are rotated.
 class RowFactor {
  public:
   static constexpr double kRounding = 1e-13;  // rows of unit length of which no more is left are dependent
@@ -31,7 +31,7 @@ class RowFactor {
     arena.place(dropped_, n);
   }
 
-  // So many rows, given by their coordinates in a null space of `freedom` dimensions.
+  // Begin with this many rows, given by their coordinates in a null space of `freedom` dimensions.
   void start(int rows, int freedom) {
     width_ = lanes(rows);
     freedom_ = freedom;
@@ -39,7 +39,7 @@ class RowFactor {
     renew(rows);
   }
 
-  // The same rows once more.
+  // Begin again with equal rows.
   void renew(int rows) {
     for (int a = 0; a < width_; ++a) weight_[a] = a < rows ? 1.0 : 0.0;
     for (int i = 0; i < freedom_; ++i)
@@ -52,8 +52,8 @@ class RowFactor {
     for (int i = 0; i < freedom_; ++i) row(i)[a] = y_[i];
   }
 
-  // Fix at most so many directions of `null`, until what is left of every row is rounding. Returns the length that is
-  // left.
+  // Fix at most this many directions of `null`, until the remainder of every row is rounding. Returns the length that
+  // is left.
   double reduce(NullSpace& null, int most) {
     const int base = null.rank;
     double reference = 0.0, left = 0.0;
@@ -137,7 +137,7 @@ class RowFactor {
   // Make the rows from `first` on orthogonal to those before; false, and all as it was, where they are not clear of
   // them.
   bool split() {
-    double tilt = 0.0;  // by how much directions of short rows lean towards the others
+    double tilt = 0.0;  // lean of directions of short rows towards the others
     for (int i = 0; i < rank; ++i) {
       double *r = row(i), *l = L(i), *v = direction(i);
       for (int j = 0; j < (i < first ? i : first); ++j) {

@@ -23,7 +23,7 @@ class RowSortedLeastSquares {
     arena.place(z, n + 1);
   }
 
-  // Row i: length times what is left of a row of unit length, and of its coefficients of further columns; rows come
+  // Row i: length times the remainder of a row of unit length, and of its coefficients of further columns; rows come
   // from the longest to the shortest.
   void set(int i, const double* rest, int f, double length, double rhs, const double* further = nullptr, int more = 0) {
     length_[i] = length;
@@ -33,7 +33,7 @@ class RowSortedLeastSquares {
   }
 
   // min || B z - rhs || over m rows, f columns; `more` columns after them are reflected along. A row of which less than
-  // kFlat, or than `least`, is left adds no direction. Returns the length of what B z takes away of rhs.
+  // kFlat, or than `least`, is left adds no direction. Returns the length of the part of rhs that B z removes.
   double solve(int m, int f, double least, int more = 0) {
     const double flat = larger(kFlat, least);
     for (int j = 0; j < f; ++j) column_[j] = j;
@@ -57,9 +57,9 @@ class RowSortedLeastSquares {
     return std::sqrt(reach);
   }
 
-  // B' rhs before the solution, of the columns and of the further ones; what a row missed that the solution meets
-  // counts only where it is more than rounding of its length, and than a step of `least`. Returns the size of the
-  // terms, of coefficients and misses with `error` times the row's length more, and of x.
+  // B' rhs before the solution, of the columns and of the further ones; a slack that the solution removes counts only
+  // above rounding of its row's length and above a step of `least`. Returns the size of the terms, of coefficients and
+  // misses with `error` times the row's length more, and of x.
   double gradient(int m, int f, int more, double size, double rounding, double least, double error, double* y,
                   double* further) {
     double terms = 0.0;

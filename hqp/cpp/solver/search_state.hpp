@@ -1,4 +1,4 @@
-// What the phases of a search share: the equality problem at hand, its multipliers and violations, and the point.
+// Shared state of the phases of a search: the equality problem at hand, its multipliers and violations, and the point.
 #pragma once
 
 #include "deadline.hpp"
@@ -20,7 +20,7 @@ struct Point {
 };
 
 struct SearchState {
-  static constexpr double kTurns = 2.0;    // another turn like the last one, and what is left to do after it
+  static constexpr double kTurns = 2.0;    // one more turn like the last, and the remaining work after it
   static constexpr double kNear = 1e4;     // a pivot this near the rank tolerance, as a ratio, leaves doubt,
   static constexpr double kGrown = 1e6;    // and so does one that magnifies rounding by so much
   static constexpr double kDoubt = 100.0;  // a pivot this near is no clear decision
@@ -34,7 +34,7 @@ struct SearchState {
   int iterations = 0, cap = 0;
   Outcome outcome = Outcome::optimal;
 
-  // blocks, m: of the table, with those that complete the problem.
+  // blocks, m: sizes of the table, including the blocks that complete the problem.
   void layout(Arena& arena, int n, int rows, int most, int blocks, const int* m) {
     problem.layout(arena, n, rows, blocks, m);
     multipliers.layout(arena, n, rows, most);
@@ -79,7 +79,7 @@ struct SearchState {
     if (problem.tableau.closest < kDoubt) outcome = Outcome::rank_uncertain;
   }
 
-  // Whether rounding or a rank decision may have made the answer what it is.
+  // Return true if the solution may depend on rounding or on a rank decision.
   bool doubtful() const {
     const Tableau& tableau = problem.tableau;
     return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || violations.overlooked ||

@@ -9,7 +9,7 @@ inline namespace HQP_ISA {
 
 class Step {
  public:
-  double length = 0.0;  // of the last one, 1 for a whole one
+  double length = 0.0;  // length of the last step, 1 for a whole one
 
   Step(EqualityProblem& problem, Point& point)
       : problem_(problem), table_(problem.table), set_(problem.set), point_(point) {}
@@ -22,7 +22,7 @@ class Step {
     arena.place(trial_v_, rows);
   }
 
-  // Go there; true if nothing blocked. What blocked is in the working set then.
+  // Go there; true if nothing blocked. The blocking row is in the working set then.
   bool advance() {
     const int n = table_.n;
     const double *goal = problem_.tableau.x, *values = problem_.values;
@@ -62,7 +62,7 @@ class Step {
     point_.current = true;
     set_.changes.start();
     if (obstacle.variable >= 0)
-      for (int i = 0; i < n; ++i)  // those met at the same length together
+      for (int i = 0; i < n; ++i)  // obstacles at equal length together
         if (!(reach_[i] > length + kTie)) {
           x[i] = dx_[i] > 0 ? table_.hi[i] : table_.lo[i];
           set_.hold(table_, i, dx_[i] > 0 ? kUpper : kLower);
@@ -75,7 +75,7 @@ class Step {
   static constexpr double kTie = 1e-14;                     // lengths of steps nearer than this are equal
   static constexpr double kLengths[] = {0.2, 0.04, 0.008};  // parts of a step that are tried clipped
 
-  struct Obstacle {  // where the step ends, and the row or variable that blocks it, -1 if none does
+  struct Obstacle {  // end of the step, and the blocking row or variable, -1 if there is none
     double at = 1.0;
     int row = -1, variable = -1;
   };
@@ -131,7 +131,7 @@ class Step {
     return false;
   }
 
-  // What the top level misses where the step to a is clipped into the box.
+  // Slack norm of the top level if the step to a is clipped into the box.
   double clipped(double a) {
     const double* x = point_.x;
     for (int i = 0; i < table_.n; ++i) trial_x_[i] = set_.F[i] ? x[i] : table_.inside_box(i, x[i] + a * dx_[i]);
@@ -140,8 +140,8 @@ class Step {
     return table_.outside(0, trial_v_);
   }
 
-  // Rows of the level itself that the step would violate make its norm bend: stop where it is lowest. Where that
-  // is at once, by rounding, the first of them joins the working set instead.
+  // Rows of the level itself that the step would violate make its norm bend: stop where it is lowest. If rounding puts
+  // it at the start, the first of them joins the working set instead.
   void bend(int level, double size, Obstacle& obstacle) const {
     double first = kInfinity;
     int nearest = -1;

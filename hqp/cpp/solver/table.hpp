@@ -17,10 +17,10 @@ struct Block {
   const std::int64_t* index;  // selection
   const double* scale;
   double norm;      // largest norm of a row that is not left out
-  double rounding;  // no direction of the level is shorter: what rounding leaves of zero in this problem
+  double rounding;  // no direction of the level is shorter: rounding of zero in this problem
   bool graded;      // its rows differ in length: rounding of the longest hides the forces of the others
   int begin, end;
-  int unequal_begin, unequal_end;  // of its inequalities in `unequal`
+  int unequal_begin, unequal_end;  // range of its inequalities in `unequal`
   bool equalities;                 // it has nothing else
 };
 
@@ -29,7 +29,7 @@ struct Table {
   int n = 0, blocks = 0, rows = 0, inequalities = 0;
   int first = 0;  // 1 if level 0 became the box
   double reach =
-      0.0;  // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
+      0.0;  // largest distance requested by a row of usual length, |bound| / norm: the scale of rounding in x
   bool uneven = false;     // rows of one level differ in length by more than 1e5
   bool shortened = false;  // a row is so short that rounding of the longest one turns it by more than 1e-10
   bool has_metric = false;
@@ -52,7 +52,7 @@ struct Table {
   std::int64_t* single_index = nullptr;  // (caller's rows,) dense levels with one entry a row, as selections
   double* single_scale = nullptr;
   double* scratch = nullptr;
-  double tolerance = 1e-11;  // of feasibility, relative to what a row sums up
+  double tolerance = 1e-11;  // tolerance of feasibility, relative to a row's terms
 
   void layout(Arena& arena, int n_, int levels, const int* m, bool metric) {
     n = n_;
@@ -109,7 +109,7 @@ struct Table {
     return complete(problem);
   }
 
-  // The size of x for tolerances: of its largest entry, and not below what the rows' rounding leaves.
+  // The size of x for tolerances: its largest entry, at least the rows' rounding.
   double span(const double* x) const { return larger(1e-3 * reach, largest(x)); }
 
   double largest(const double* x) const {
@@ -118,19 +118,19 @@ struct Table {
     return s;
   }
 
-  // Blocks of the caller's levels; those after them choose among the optima.
+  // Blocks of the caller's levels; the blocks after them choose among the optima.
   int own_blocks() const { return blocks - 1 - has_metric; }
 
   bool bounded(int i) const { return lo[i] > -kInfinity || hi[i] < kInfinity; }
 
-  // By how much a value of row r lies above its upper or, negative, below its lower bound.
+  // Excess of a value of row r above its upper or, negative, below its lower bound.
   double beyond(int r, double value) const {
     return value > upper[r] ? value - upper[r] : value < lower[r] ? value - lower[r] : 0.0;
   }
 
   double inside_box(int i, double t) const { return t < lo[i] ? lo[i] : t > hi[i] ? hi[i] : t; }
 
-  // Norm of what the rows of a level miss at values (rows,).
+  // Slack norm of a level at values (rows,).
   double outside(int level, const double* values) const {
     double square = 0.0;
     for (int r = block[level].begin; r < block[level].end; ++r) {
@@ -142,8 +142,8 @@ struct Table {
 
   double slackness(int r, double bound, double size) const { return tolerance * (std::fabs(bound) + norm[r] * size); }
 
-  // Whether row r is outside its bound by so much at x. Its own terms decide: a long row that is short along a long x,
-  // such as the acceleration of a light gripper by all torques, would else pass far outside.
+  // Return true if row r is outside its bound by `over` at x. Its own terms decide: a long row that is short along a
+  // long x, such as the acceleration of a light gripper by all torques, would else pass far outside.
   bool is_over(int r, double over, double bound, double size, const double* x) const {
     if (!(over > 0.0) || over > slackness(r, bound, size)) return over > 0.0;
     const double own = std::fabs(bound) + terms(r, x), rounding = 1e-15 * norm[r] * size;
@@ -170,7 +170,7 @@ struct Table {
     return b.A ? dot_any(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n) : b.scale[i] * x[b.index[i]];
   }
 
-  // What row r of A x is the sum of, in magnitude.
+  // Sum of the magnitudes of the terms of row r of A x.
   double terms(int r, const double* x) const {
     const Block& b = block_of(r);
     const int i = r - b.begin;
@@ -203,7 +203,8 @@ struct Table {
     return index >= 0 && index < n && scale != 0.0 && std::fabs(scale) < kInfinity;
   }
 
-  // Row lengths known: what counts as zero, and how far the rows reach; those that are nearly zero reach anywhere.
+  // Row lengths known: determine the rounding of zero, and the reach of the rows; nearly zero rows have unlimited
+  // reach.
   void measure() {
     double most = 0.0;
     for (int k = 0; k < blocks; ++k) most = larger(most, block[k].norm);
@@ -306,7 +307,7 @@ struct Table {
   }
 
   const double* goal_ = nullptr;  // (n,) of the last level
-  int identity_ = -1;             // where the rows of the least norm begin, if they are still there
+  int identity_ = -1;             // start of the rows of the least norm, if they are still present
 
   // Level 0 as bounds on variables, if every row picks one and the bounds agree.
   bool take_box(const Level& level) {
@@ -364,7 +365,7 @@ struct Table {
     return level;
   }
 
-  // How many entries are not zero, or are not numbers.
+  // Number of entries that are nonzero or NaN.
   int entries(const double* a) const {
     const Vec4 zero = splat(0.0), one = splat(1.0);
     Vec4 count = zero;

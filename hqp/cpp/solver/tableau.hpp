@@ -1,5 +1,4 @@
-// The tableau x_basic = c - G x_rest and what each level leaves behind. What solves it is in levels.hpp, what changes
-// it in updates.hpp.
+// The tableau x_basic = c - G x_rest and the result of each level. levels.hpp solves it, updates.hpp changes it.
 #pragma once
 
 #include "changes.hpp"
@@ -8,7 +7,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// What one level left behind: its rows, its orthogonal factor, its triangle, and the tableau's pivot columns.
+// Result of one level: its rows, its orthogonal factor, its triangle, and the tableau's pivot columns.
 struct Stage {
   enum Kind { kIdle, kReflectors, kGram } kind;
   int m, rank, before;  // rows that took part, pivots, basic variables of the levels above
@@ -19,7 +18,7 @@ struct Stage {
   double* pivots;  // (before, rank) pivot columns of the tableau when the level was reached
   int* variables;  // (rank,)
   int ldv, ldr;
-  double residual;  // norm of what no x can reach
+  double residual;  // norm of the unreachable part
 
   // y := Q_i y with reflector i.
   void reflect(int i, double* y) const {
@@ -34,7 +33,7 @@ struct Extra {
   int row, variable;   // row of the table, or the variable it holds; the other is -1
   int pivot, before;   // variable that became basic, basic variables then
   int level;           // in front of which it stands
-  double coefficient;  // of the pivot in the reduced row
+  double coefficient;  // coefficient of the pivot in the reduced row
   double* column;      // (before,)
   double lambda;       // its multiplier in the sweep at hand
 };
@@ -85,7 +84,7 @@ struct Tableau {
   bool has_released = false;    // variables left since the factorisation
   double* direction = nullptr;  // (n,)
   int gram_level = -1;          // the level that ended the tableau by a normal matrix, -1 if none did
-  double growth = 1.0;          // how much rounding the tableau may have magnified
+  double growth = 1.0;          // bound on the tableau's magnification of rounding
   double cut = 0.0;             // length of the direction that ended the latest level, 0 where none did
   bool trusting = false;        // directions count that `growth` casts doubt on,
   bool cut_by_growth = false;   // and were left out because of it
@@ -174,7 +173,7 @@ struct Tableau {
     return trusting ? shortest(k) : larger(shortest(k), 1e-14 * growth * table->block[k].norm);
   }
 
-  // The same as far as rounding is not magnified.
+  // Shortest direction without magnified rounding.
   double shortest(int k) const { return larger(rank_tolerance * table->block[k].norm, table->block[k].rounding); }
 
   // A direction of level k was left out: no decision where growth alone speaks against it.

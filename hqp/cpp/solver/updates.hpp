@@ -42,7 +42,7 @@ class Updates {
     return true;
   }
 
-  // Hold a variable at its value within what the levels above gram_level leave free; false if they leave too little.
+  // Hold a variable at its value within the freedom below the levels above gram_level; false if they leave too little.
   bool hold(int variable, double value) {
     const int p = t_.place[variable];
     if (p == Tableau::kNowhere || t_.newcomers == kChanges) return false;
@@ -68,8 +68,8 @@ class Updates {
     return true;
   }
 
-  // The same for a row; one of gram_level or below joins by itself when its level is solved. What a factorisation might
-  // call no direction is left to it: a working set has one rank, whatever the way to it.
+  // Hold a row at its bound; one of gram_level or below joins by itself when its level is solved. A row that a
+  // factorisation might call dependent is left to it: a working set has one rank, regardless of its history.
   bool meet(int r, double bound) {
     const Block& b = t_.table->block_of(r);
     if (&b - t_.table->block >= t_.gram_level) return true;
@@ -124,7 +124,8 @@ class Updates {
     levels_.descend(from, W);
   }
 
-  // How the basic variables follow a held one that moves by one, in `direction`; false where levels above would not.
+  // Compute the response of the basic variables to a unit move of a held one, in `direction`; false where levels above
+  // would not.
   bool respond(int variable) {
     double* d = t_.direction;
     for (int i = 0; i < t_.n; ++i) d[i] = 0.0;

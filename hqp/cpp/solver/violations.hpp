@@ -1,4 +1,4 @@
-// Which rows and variables outside a working set are violated at the solution of its equalities.
+// Violated rows and variables outside a working set at the solution of its equalities.
 #pragma once
 
 #include "equality_problem.hpp"
@@ -9,7 +9,7 @@ inline namespace HQP_ISA {
 struct Violations {
   std::int8_t* row = nullptr;       // (rows,) the side that is violated, kFree if none is
   std::int8_t* variable = nullptr;  // (n,)
-  bool overlooked = false;          // a bound is exceeded by what only rows that reach far beyond x make rounding
+  bool overlooked = false;          // a bound is exceeded within the rounding of rows that reach far beyond x
 
   void layout(Arena& arena, int n, int rows) {
     arena.place(row, rows);
@@ -46,7 +46,7 @@ struct Violations {
   }
 
  private:
-  // Whether a row or variable outside the working set exceeds a bound where the size of x is taken to be `size`.
+  // Return true if a row or variable outside the working set exceeds a bound, with `size` as the size of x.
   static bool exceeded(const EqualityProblem& problem, double size) {
     const Table& table = problem.table;
     for (int q = 0; q < table.inequalities; ++q) {

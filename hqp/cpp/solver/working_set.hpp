@@ -1,4 +1,4 @@
-// A working set: which rows work at which of their bounds, and which variables are held at one.
+// A working set: active rows with their sides, and variables held at a bound.
 #pragma once
 
 #include "changes.hpp"
@@ -9,7 +9,7 @@ inline namespace HQP_ISA {
 
 // A working row or a held variable that holds the optimum back.
 struct WrongSign {
-  int level;  // block that says so
+  int level;  // block that requires it
   int index;  // row of the table, or variable
   bool variable;
   double size;  // length of the force in x
@@ -25,7 +25,7 @@ struct WorkingSet {
     arena.place(F, n);
   }
 
-  // What still makes sense of the last problem's set, else equalities and nothing more.
+  // Start with the valid part of the last problem's set, else with the equalities only.
   void start(const Table& table, bool warm) {
     changes.forget();
     for (int r = 0; r < table.rows; ++r) {
@@ -40,7 +40,7 @@ struct WorkingSet {
     }
   }
 
-  // A set as it was; what differs from the tableau's is not followed.
+  // A set as it was; differences from the tableau's set are not followed.
   void restore(const Table& table, const WorkingSet& old) {
     for (int r = 0; r < table.rows; ++r) W[r] = old.W[r];
     for (int i = 0; i < table.n; ++i) F[i] = old.F[i];
