@@ -34,7 +34,7 @@ class Gait:
     height: float = 0.05
     search: float = 0.1
     patience: float = 0.4
-    lower: float = 0.03
+    lower: float = 0.06
 
     def __post_init__(self) -> None:
         for field in ("single", "double", "first", "search", "patience"):

@@ -62,12 +62,11 @@ def predict(walker: Walker, seconds: float, fps: float) -> Walk:
     """
     check("plan", "seconds", seconds, 0.0, strict=True, unit="s")
     check("plan", "fps", fps, 0.0, strict=True, unit="1/s")
-    robot, gait, dt = walker.robot, walker.gait, walker.dt
+    robot, dt = walker.robot, walker.dt
     q, v = walker.start, np.zeros(robot.nv)
-    rest = 2.0 * gait.period + 2.0 * gait.first  # the step under way, the last one and the way between the feet
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
     for k in range(round(seconds / dt) + 1):
-        if walker.walking and walker.time > seconds - rest:
+        if walker.walking and walker.time > seconds - walker.stopping_time:
             walker.stop()
         if k * dt >= len(frames) / fps - 1e-9:
             swings = walker.phase == "swing"

@@ -21,10 +21,11 @@ from hqp.tasks import JointLimits
 from hqp.torque.program import Torque
 from hqp.walking.adjustment import Landing, adjust
 from hqp.walking.feet import feet_of
-from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
+from hqp.walking.footsteps import RIGHT, Command, Foothold, Footsteps, rotation
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
 from hqp.walking.plan import Walk, predict
+from hqp.walking.preview import Ability
 from hqp.walking.stacks import BOTH, Laws, Stacks
 from hqp.walking.stance import standing
 from hqp.walking.swing import Swing, within
@@ -121,6 +122,9 @@ class Walker:
             least = min(max(across, 0.5 * width), 0.7 * width)
             reach = Reach(forward=0.4 * self.height, least=least, most=width + 0.15 * self.height)
         self.footsteps = Footsteps(period=self.gait.period, width=width, reach=reach)
+        self.ability = Ability(
+            gait=self.gait, reach=reach, width=width, height=self.height, gravity=-float(robot.gravity[2])
+        )
         laws = laws or Laws()
         self.stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
         formulation = Torque(contact_law=laws.contact, holding=None)
@@ -133,6 +137,9 @@ class Walker:
         self.support = BOTH
         """The phase of the stack: names of the standing feet."""
         self.command = Command()
+        self.why: tuple[str, ...] = ()
+        """Reasons for each difference of ``command`` from the latest ``go``."""
+        self._pace = Command()
         self.walking = False
         self.phase = "stand"
         """stand, shift (both feet, the ZMP on its way to the next stance foot) or swing."""
@@ -143,7 +150,6 @@ class Walker:
         self.edge = False
         """True if the support bounds the ZMP in this tick."""
         self.capture_point: Vec = np.zeros(2)
-        self._left = 0
         self._started = False
         self.heavier = 1.0
         """Weight of the robot over that of its model, by the loads of its feet."""
@@ -155,14 +161,24 @@ class Walker:
     # ------------------------------------------------------------------------------------------- commands
 
     def go(self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0) -> None:
-        """Walk at a velocity in the axes of the heading [m/s, m/s, rad/s]; zeros step in place."""
-        self.command = Command(forward, left, turn)
-        self.walking, self._left = True, 0
+        """Walk at a velocity in the axes of the heading [m/s, m/s, rad/s]; zeros step in place.
+
+        The velocity changes by a bounded amount from step to step.  ``command`` is the nearest velocity that steps can
+        follow, ``why`` has the reasons.
+        """
+        self.command, self.why = self.ability.allowed(Command(forward, left, turn))
+        self.walking = True
 
     def stop(self) -> None:
-        """Come to stand with the feet side by side."""
+        """Come to stand with the feet side by side, over as many steps as it takes."""
         if self.walking:
-            self.command, self.walking, self._left = Command(), False, 1
+            self.command, self.walking = Command(), False
+
+    @property
+    def stopping_time(self) -> float:
+        """Longest time from ``stop`` to standing [s]."""
+        steps = len(self.ability.paces(self._pace, Command())) + 1
+        return steps * self.gait.period + 2.0 * self.gait.first
 
     def plan(self, seconds: float, fps: float = 50.0) -> Walk:
         """A reference motion: the walk at the velocity of ``go`` from ``start``, by the model alone, and a stop.
@@ -252,7 +268,8 @@ class Walker:
             self.stance = RIGHT
             self._enter("shift", self.gait.first, state)
         elif self.phase == "shift" and self._t >= self._T:
-            self._enter("swing", self.gait.single, state)
+            self._pace = self.ability.paced(self._pace, self.command)
+            self._enter("swing", self._haste * self.gait.single, state)
         elif self.phase == "swing" and self._landed(loads):
             side = 1 - self.stance
             self.holds[side] = self.feet[side].placed(state)
@@ -261,9 +278,8 @@ class Walker:
             self._sunk[side] = min(max(self._sunk[side] + 0.7 * hangs, -SAG), SAG)
             self.stance = side
             self._share = float(1 - side)  # the other foot still bears it all
-            last = not self.walking and self._left <= 0
-            self._left -= not self.walking
-            self._enter("stand" if last else "shift", self.gait.first if last else self.gait.double, state)
+            last = not self.walking and self._pace == Command()
+            self._enter("stand" if last else "shift", self._double(self._pace, last), state)
 
     def _landed(self, loads: Vec | None) -> bool:
         if loads is None:
@@ -279,7 +295,7 @@ class Walker:
             self.holds[self.stance] = self.feet[self.stance].placed(state)  # after it has settled
             foot = self.feet[1 - self.stance]
             p, yaw = state.position(foot.frame), yaw_of(state.rotation(foot.frame))
-            self._nominal = self._target = self.footsteps.next(self.holds[self.stance], self.command)
+            self._nominal = self._target = self._next(self.holds[self.stance], self._pace)
             self._swing = Swing(np.array([*p, yaw]), self._goal(), duration, self.gait.height, search=self.gait.search)
         self._plan()
         if phase == "swing":
@@ -306,22 +322,34 @@ class Walker:
         else:
             if self.phase == "shift":
                 to(max(self._T - self._t, self.dt), holds[stance].xy)
-            left = self._T - self._t if self.phase == "swing" else gait.single
-            steps = self._left + 1 if not self.walking else 3
-            target = self._nominal if self.phase == "swing" else self.footsteps.next(holds[stance], self.command)
-            for k in range(steps):
-                to(max(left, self.dt), holds[stance].xy)
-                holds[1 - stance] = target
-                stance = 1 - stance
-                if not self.walking and k == steps - 1:
-                    to(gait.first, 0.5 * (holds[0].xy + holds[1].xy))
-                else:
-                    to(gait.double, holds[stance].xy)
-                left, target = gait.single, self.footsteps.next(holds[stance], self.command)
+            swings, paces = self.phase == "swing", self.ability.paces(self._pace, self.command)
             if self.walking:
-                to(gait.single, holds[stance].xy)
+                paces = (paces + 3 * [self.command])[: 3 - swings]
+            elif swings and self._pace == Command():
+                paces = []
+            for k, pace in enumerate([self._pace, *paces] if swings else paces):
+                under_way = swings and k == 0
+                left = self._T - self._t if under_way else self.ability.haste(pace) * gait.single
+                to(max(left, self.dt), holds[stance].xy)
+                holds[1 - stance] = self._nominal if under_way else self._next(holds[stance], pace)
+                stance = 1 - stance
+                last = not self.walking and k == len(paces) - 1 + swings
+                to(self._double(pace, last), 0.5 * (holds[0].xy + holds[1].xy) if last else holds[stance].xy)
+            if self.walking:
+                to(self.ability.haste(self.command) * gait.single, holds[stance].xy)
         to(0.5, at)
         self._dcm, self._since = DcmPlan(pieces, self.omega), 0.0
+
+    @property
+    def _haste(self) -> float:
+        return self.ability.haste(self._pace)
+
+    def _double(self, pace: Command, last: bool) -> float:
+        """Time of both feet on the ground after a step [s]."""
+        return self.gait.first if last else self.ability.haste(pace) * self.gait.double
+
+    def _next(self, stance: Foothold, pace: Command) -> Foothold:
+        return replace(self.footsteps, period=self.ability.haste(pace) * self.gait.period).next(stance, pace)
 
     def _goal(self) -> Vec:
         target = self._target
@@ -393,14 +421,14 @@ class Walker:
     def _adjust(self, error: Vec, ankle: Vec) -> None:
         """Move the landing of the swing foot, in place and time, to where the DCM is met."""
         assert self._swing is not None
-        gait, swing, planned = self.gait, self._swing, self._planned
+        single, swing, planned = self._haste * self.gait.single, self._swing, self._planned
         speed = CORRECTION if self._T - self._t > LAST else CREEPS
         self._target, left = planned.foothold, max(self._T - self._t, 0.0)
         if self.edge:  # inside the sole the ankle leads every error back
             now = swing.x[:2] + rotation(swing.x[3]) @ np.array(self.feet[planned.foothold.side].middle)
             self._target, left = adjust(
                 replace(planned, left=left), self.footsteps, error, ankle, self.omega, now=now,
-                soonest=SOONEST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=speed,
+                soonest=SOONEST, latest=LONGEST * single - self._t, usual=single - self._t, speed=speed,
                 least=LEAST,
             )  # fmt: skip
         swing.retarget(self._goal(), speed, self.dt)

@@ -22,14 +22,14 @@ def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
     robot = hqp.robots.load("g1", rotors=True)
     walker = Walker(robot, Gait(single=0.4, double=0.1, first=0.4))
     walker.go(0.2)
-    motion = walker.plan(3.0, fps=50.0)
+    motion = walker.plan(4.0, fps=50.0)
     assert walker.time == 0.0
-    assert motion.q.shape == (151, robot.nq)
+    assert motion.q.shape == (201, robot.nq)
     assert "swing" in motion.phases
     assert motion.phases[-1] == "stand"
     landed = [int(np.sum(motion.contacts[1:, k] & ~motion.contacts[:-1, k])) for k in (0, 1)]
     assert min(landed) > 0
-    assert str(motion) == f"g1: 151 frames, 3.0 s; landings: left foot {landed[0]}, right foot {landed[1]}"
+    assert str(motion) == f"g1: 201 frames, 4.0 s; landings: left foot {landed[0]}, right foot {landed[1]}"
     for side, foot in enumerate(walker.feet):
         places = np.array([robot.state(q).position(foot.frame) for q in motion.q])
         stands = motion.contacts[:, side]

@@ -77,7 +77,7 @@ def test_it_walks_on_what_it_senses_and_stops(name: str, speed: float, jump: flo
     middle = course.plant.com()
     course.walker.stop()
     course.run(3.0)
-    assert middle[0] - start[0] > 0.8 * 6.0 * speed
+    assert middle[0] - start[0] > 0.7 * 6.0 * speed  # it starts over several steps
     assert abs(course.plant.com()[1]) < 0.1
     assert course.walker.phase == "stand"
     one, other = (course.plant.place(f)[0] for f in course.walker.robot.landmarks["soles"])

@@ -1,0 +1,83 @@
+"""Numbers between a velocity command and the next steps: what a biped can follow, how fast it changes, step times."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hqp.walking.footsteps import Command
+from hqp.walking.gait import Gait, Reach
+
+QUICK = 2.0 / 3.0
+"""Shortest step time, a share of that of the gait: a swing foot of G1 still follows its path to 1 mm."""
+
+COMFORT = 0.6
+"""Longer steps than this share of the reach are made quicker instead."""
+
+CHANGE = 0.04
+"""Largest change of velocity from step to step, a share of sqrt(g h): 0.1 m/s for G1."""
+
+TURNS = 0.3
+"""Largest change of the turning rate from step to step [rad/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ability:
+    """What a walk may ask of a robot.
+
+    gait, reach: times and reach of steps.  width: distance of the feet side by side [m].  height: of the CoM above the
+    ground [m].  gravity [m/s^2].
+    """
+
+    gait: Gait
+    reach: Reach
+    width: float
+    height: float
+    gravity: float
+
+    @property
+    def change(self) -> float:
+        """Largest change of velocity from step to step [m/s]."""
+        return CHANGE * math.sqrt(self.gravity * self.height)
+
+    def allowed(self, asked: Command) -> tuple[Command, tuple[str, ...]]:
+        """The nearest command that steps within reach follow, and the reason for each change in words."""
+        T, reach = QUICK * self.gait.period, self.reach
+        aside = reach.most - self.width
+        bounds = (
+            ("forward", "m/s", reach.forward / T, f"knees stretch beyond steps of {reach.forward:.2f} m in {T:.2f} s"),
+            ("left", "m/s", 0.5 * aside / T, f"feet get {aside:.2f} m further apart in {2.0 * T:.2f} s"),
+            ("turn", "rad/s", 0.5 * reach.turn / T, f"a foot turns by {reach.turn:.2f} rad in {2.0 * T:.2f} s"),
+        )  # fmt: skip
+        found, why = [], []
+        for name, unit, most, reason in bounds:
+            value = getattr(asked, name)
+            kept = min(max(value, -most), most)
+            found.append(kept)
+            if kept != value:
+                why.append(f"{name} {value:.2f} -> {kept:.2f} {unit}: {reason}")
+        return Command(*found), tuple(why)
+
+    def paced(self, now: Command, asked: Command) -> Command:
+        """The velocity of the next step: on the way to what is asked, by a bounded change."""
+        x, y = asked.forward - now.forward, asked.left - now.left
+        share = min(1.0, self.change / max(math.hypot(x, y), 1e-12))
+        turn = min(max(asked.turn - now.turn, -TURNS), TURNS)
+        if share == 1.0:
+            return Command(asked.forward, asked.left, now.turn + turn)
+        return Command(now.forward + share * x, now.left + share * y, now.turn + turn)
+
+    def paces(self, now: Command, asked: Command, most: int = 24) -> list[Command]:
+        """Velocities of the steps until the command is met."""
+        found: list[Command] = []
+        while len(found) < most and (not found or now != asked):
+            now = self.paced(now, asked)
+            found.append(now)
+        return found
+
+    def haste(self, pace: Command) -> float:
+        """Time of a step at a velocity, a share of that of the gait."""
+        T, reach = self.gait.period, self.reach
+        aside = reach.most - self.width
+        needed = max(abs(pace.forward) * T / reach.forward, 2.0 * abs(pace.left) * T / max(aside, 1e-9))
+        return min(1.0, max(QUICK, COMFORT / max(needed, 1e-9)))
