@@ -27,6 +27,7 @@ from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
 from hqp.loop.overconstrained import overconstrained
+from hqp.loop.plausible import doubts
 from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.stepping import step_arrays
 from hqp.loop.tick import Tick, Times
@@ -75,6 +76,7 @@ class Session:
             raise DeclarationError("session", "not a robot", value=robot, allowed="hqp.robots.load(...)")
         require_compiled()
         self.controller, self.robot, self.dt = controller, robot, float(dt)
+        self._seen = False
         self._turn: Turn = {}
         check = StateCheck(robot, controller.bounds, max_age)
         budget = native.Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
@@ -142,6 +144,12 @@ class Session:
         """
         return self._stepped(state, references, now, phase)
 
+    def _look(self, given: Any) -> None:
+        """Warn of a first state that cannot be meant; the tick takes it as it is."""
+        self._seen = True
+        for doubt in doubts(self.robot, getattr(given, "q", given)):
+            warnings.warn(f"the first state of {self.robot.name}: {doubt}", ModelWarning, stacklevel=4)
+
     def tick(self, q: Vec, v: Vec | None = None, targets: Mapping[str, ArrayLike] | None = None) -> Tick:
         """One tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
 
@@ -167,6 +175,8 @@ class Session:
                 require(turn, self)
             line, tick = self.line, None
             line.guards.count += 1
+            if not self._seen:
+                self._look(state if arrays is None else arrays[0])
             if phase != line.guards.phase:
                 if phase is not None and phase not in line.presence.known:
                     line.require_phase(phase)
