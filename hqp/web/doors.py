@@ -2,7 +2,8 @@
 
 A browser lets any web page open a websocket to this machine, and a name of an attacker's own may resolve to it.  So a
 request needs a Host that is a name of this machine, no Origin but the page's own, and the token or the password.  A
-page that was let in gets the token as a cookie, which its websocket brings along.
+page that was let in gets a cookie, which its websocket brings along.  Its value is a secret of its own, not the token: a browser
+shows cookies to the pages of all ports of a host, those of other users of the machine among them.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class Doors:
 
     host: IP address where the page is served; names: its other names.  token: secret in its address.  password:
     alternative to the token, none if empty.  once: a second token, good for one page: it stands on the command line of
-    the browser that is opened, which every user of the machine can read.
+    the browser that is opened, which every user of the machine can read.  crumb: value of the cookie.
     """
 
     host: str
@@ -85,6 +86,7 @@ class Doors:
     password: str = field(default="", repr=False)
     token: str = field(default_factory=_secret, repr=False)
     once: str = field(default_factory=_secret, repr=False)
+    crumb: str = field(default_factory=_secret, repr=False)
 
     def refusal(self, path: str, headers: Any) -> tuple[HTTPStatus, str] | None:
         """Why a request is refused, None where it is let in; headers: with ``get_all``, as of websockets."""
@@ -126,7 +128,7 @@ class Doors:
                 cookie = SimpleCookie(line).get(self.cookie)
             except CookieError:
                 continue
-            if cookie is not None and _equal(cookie.value, self.token):
+            if cookie is not None and _equal(cookie.value, self.crumb):
                 return True
         return bool(self.password) and any(map(self._is_password, headers.get_all("Authorization")))
 

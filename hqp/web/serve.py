@@ -67,7 +67,7 @@ def checked(doors: Doors, answer: Callable[[Any, Any], Any]) -> Callable[[Any, A
             return response
         response = answer(connection, request)
         if response is not None:
-            response.headers["Set-Cookie"] = f"{doors.cookie}={doors.token}; Path=/; HttpOnly; SameSite=Strict"
+            response.headers["Set-Cookie"] = f"{doors.cookie}={doors.crumb}; Path=/; HttpOnly; SameSite=Strict"
             response.headers["Referrer-Policy"] = "no-referrer"
             response.headers["Content-Security-Policy"] = "frame-ancestors 'self'"
             response.headers["Cache-Control"] = "no-store"

@@ -96,6 +96,8 @@ def test_the_page_hands_its_websocket_a_cookie(page: Page) -> None:
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
     given = cookie.split(";")[0]
+    assert page.token not in cookie  # other ports of this host may read it
+    assert page.get(f"/?token={given.partition('=')[2]}").status == 403
     assert page.connect("", page.own, Cookie=f"other=1; {given}") == 101
     assert page.get("/", Cookie=given).status == 200
     assert page.connect("", EVIL, Cookie=given) == 403
