@@ -15,7 +15,7 @@ from hqp.declare.robot import State
 from hqp.errors import DeclarationError
 
 from .clutch import Clutch
-from .packets import Clock, Inbox, Packet, packet
+from .packets import Clock, Inbox, Packet, number, packet
 from .pursuit import Pursuit
 from .spaces import Space
 from .track import Sample, Track
@@ -40,6 +40,7 @@ class Follow:
 
     element: a Pose, Position or Orientation, or another task whose value is a vector.  clutch: motion of the hand
     counts only while it is ``engaged``, from where the robot's hand is when that begins; otherwise poses are absolute.
+    Silence of more than ``max_age`` opens it until a packet with an open and one with a closed clutch have come.
     scale: of lengths.  frame: operator's axes in those of the task, ``(3, 3)`` or ``(4, 4)``; one that mirrors needs
     the clutch.  latency [s]: least transmission time of a packet, if the sender's clock is unknown.  Raises
     DeclarationError for values out of range.
@@ -73,7 +74,7 @@ class Follow:
         self._inbox, self._clock = Inbox(), Clock()
         self._track = Track(self._space, (self._speeds[0] / scale, self._speeds[1]))
         self._pursuit: Pursuit | None = None
-        self._engaged, self._joined = not clutch, not clutch
+        self._engaged, self._joined, self._opened = not clutch, not clutch, True
         self._latest, self._stale, self._now = -math.inf, math.inf, -math.inf
 
     def receive(
@@ -82,28 +83,40 @@ class Follow:
         *,
         sent: float | None = None,
         age: float | None = None,
-        engaged: bool = True,
+        engaged: bool = False,
         received: float | None = None,
     ) -> None:
         """Take a packet, from any thread; never raises for its content.
 
         value: argument of ``element.at``.  sent [s]: when, on any clock of the sender's; or age [s]: its age.  engaged:
-        true while the operator holds the clutch.  received [s]: on the clock of ``reference``, that of
-        ``time.monotonic`` for None.
+        True while the operator holds the clutch; any other value opens it.  received [s]: on the clock of
+        ``reference``, that of ``time.monotonic`` for None.
         """
-        when = monotonic() if received is None else float(received)
+        when = monotonic() if received is None else received
         self._inbox.put(packet(self.element, value, sent, age, when, engaged))
+
+    def disengage(self, reason: str) -> None:
+        """Open the clutch after the packets received so far, from any thread; a new squeeze closes it."""
+        self._inbox.put(Packet(None, -math.inf, -math.inf, False, False, reason, releases=True))
 
     def reference(self, state: State, now: float | None = None) -> Reference:
         """The reference of a tick.
 
-        state: state of the tick.  now [s]: on the clock of ``receive``, that of ``time.monotonic`` for None.
+        state: state of the tick.  now [s]: on the clock of ``receive``, that of ``time.monotonic`` for None.  A ``now``
+        that is not a finite number counts as that of the tick before, with a remark; an invalid state before the first
+        valid one keeps the hold value.
         """
-        now = monotonic() if now is None else float(now)
-        dt = min(max(now - self._now, 0.0), LONGEST) if self._now > -math.inf else 0.0
-        self._now = max(now, self._now)
-        remarks = [self._take(one) for one in self._inbox.take(now)]
-        pursuit = self._pursuit or self._begin(state)
+        at, remarks = monotonic() if now is None else number(now), []
+        if not math.isfinite(at):
+            remarks.append(f"now={now!r:.40} is not a finite time [s]: counted as that of the tick before")
+            at = self._now
+        dt = min(max(at - self._now, 0.0), LONGEST) if self._now > -math.inf else 0.0
+        # a clock that was set back by more than a pause of the loop goes on from there
+        self._now = now = at if at < self._now - LONGEST else max(at, self._now)
+        pursuit = self._pursuit or (self._begin(state) if state.valid else None)
+        if pursuit is None:
+            return Reference(self.element.name, remarks=tuple(remarks))
+        remarks += [self._take(one, pursuit) for one in self._inbox.take(now)]
         remarks.append(self._pursue(pursuit, state, now, dt))
         return Reference(
             self.element.name, np.copy(pursuit.value), pursuit.v, pursuit.a, remarks=tuple(filter(None, remarks))
@@ -118,7 +131,7 @@ class Follow:
         """Open the clutch until a packet sets ``engaged``, and forget the track of the hand."""
         self._track.forget()
         self._latest, self._stale = -math.inf, math.inf
-        self._engaged, self._joined = not self._clutched, not self._clutched
+        self._engaged, self._joined, self._opened = not self._clutched, not self._clutched, True
 
     def restart(self) -> None:
         """Release, and begin where the robot's hand is at the next tick: for a robot that was put elsewhere."""
@@ -140,23 +153,30 @@ class Follow:
             return self._pursuit.value
         return np.array(self.element.value(state))
 
-    def _take(self, one: Packet) -> str:
+    def _take(self, one: Packet, pursuit: Pursuit) -> str:
         """Take a packet; return its fault, if any."""
+        if one.releases:
+            self.release()
+            self._opened = False
+            return one.fault
         late = one.sent < self._latest
         if self._clutched and not one.engaged and not late:
             self._engaged = False
         if one.value is None:
             return f"packet discarded: {one.fault}"
+        if one.value.shape != pursuit.value.shape:
+            return f"packet discarded: value of shape {one.value.shape}, allowed {pursuit.value.shape}"
         self._clock.take(one)
         if late:
             return self._refuse(one)
         if one.sent == self._latest:
             return "packet discarded: duplicate"
         self._latest, self._stale = one.sent, math.inf
+        self._opened = self._opened or not one.engaged
         if off := self._track.take(Sample(one.sent, one.value)):
             return f"packet discarded: {off:.3g} outside the reachable motion"
         if self._clutched:
-            self._engaged = one.engaged
+            self._engaged = one.engaged and self._opened
         return ""
 
     def _refuse(self, one: Packet) -> str:
@@ -176,8 +196,14 @@ class Follow:
         if motion is None or not self._engaged:
             self._joined = self._joined and not self._clutched
             pursuit.stop(dt)
-            return "fewer than three consistent packets: held" if motion is None else "the clutch is open: held"
-        age = now - self._clock.behind - motion.time + self._latency
+            if motion is None:
+                return "fewer than three consistent packets: held"
+            return "the clutch is open: held" if self._opened else "the clutch is open until a new squeeze: held"
+        age = max(now - self._clock.behind - motion.time, 0.0) + self._latency
+        if age > self.max_age and self._clutched:
+            self._engaged = self._joined = self._opened = False
+            pursuit.stop(dt)
+            return f"no packet for {age:.2g} s: the clutch is open until a new squeeze"
         x, v, a = motion.at(age, self.max_age)
         here = self._space.plus(motion.value, x)
         if not self._joined:

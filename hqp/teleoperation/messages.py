@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 from .follow import Follow
@@ -17,17 +17,22 @@ class Hands:
     """Packets of named hands to the sources of references that follow them; nothing in a message raises.
 
     A message is an object with ``hands``: by name ``position`` (3 numbers [m]), ``quaternion`` (x, y, z, w; not needed
-    for a Position), ``engaged`` (true without it); and ``sent`` [s], on any clock of the client's.  A hand that nobody
-    follows is passed over.  token: required value of the field ``token``, empty for any.  taken, refused: numbers of
-    messages; fault: why the last one was refused.
+    for a Position), ``engaged`` (false without it); and ``sent`` [s], on any clock of the client's.  A hand that nobody
+    follows is passed over.  One sender controls: the first one, until it leaves or another one sends ``take_over``
+    true; then the clutches open until a new squeeze.  token: required value of the field ``token``, empty for any.
+    taken, refused: numbers of messages; fault: why the last one was refused; controlling: the sender that controls.
     """
 
     def __init__(self, follows: Mapping[str, Follow], token: str = "") -> None:
         self._follows, self._token = dict(follows), token.encode()
         self.taken, self.refused, self.fault = 0, 0, ""
+        self.controlling: Hashable | None = None
 
-    def take(self, text: str | bytes) -> dict[str, Any] | None:
-        """Take a message; return its content, None if it was refused."""
+    def take(self, text: str | bytes, sender: Hashable = "") -> dict[str, Any] | None:
+        """Take a message; return its content, None if it was refused.
+
+        sender: the connection or address it came from.
+        """
         try:
             if len(text) > LARGEST:
                 raise ValueError("too long")
@@ -35,6 +40,7 @@ class Hands:
             if self._token and not secrets.compare_digest(str(message["token"]).encode(), self._token):
                 raise ValueError("another token")
             hands = message["hands"]
+            self._admit(sender, message.get("take_over") is True)
             for name, hand in hands.items():
                 follow = self._follows.get(name)
                 if follow is not None:
@@ -46,6 +52,25 @@ class Hands:
         found: dict[str, Any] = message
         return found
 
+    def leave(self, sender: Hashable) -> None:
+        """Open the clutches if this sender controls; the next one that sends does."""
+        if self.controlling == sender:
+            self._hand_over(None, "the operator left")
+
+    def _admit(self, sender: Hashable, takes_over: bool) -> None:
+        """Raise ValueError for a sender that does not control."""
+        if self.controlling is None:
+            self.controlling = sender
+        elif self.controlling != sender:
+            if not takes_over:
+                raise ValueError('another operator controls: send "take_over": true to take over')
+            self._hand_over(sender, "another operator took over")
+
+    def _hand_over(self, sender: Hashable | None, reason: str) -> None:
+        self.controlling = sender
+        for follow in self._follows.values():
+            follow.disengage(reason)
+
     @staticmethod
     def _value(follow: Follow, hand: Mapping[str, Any]) -> Any:
         if follow.takes == "rotation":
@@ -55,4 +80,4 @@ class Hands:
     @staticmethod
     def _about(message: Mapping[str, Any], hand: Mapping[str, Any]) -> dict[str, Any]:
         sent = message.get("sent")
-        return {"sent": None if sent is None else float(sent), "engaged": bool(hand.get("engaged", True))}
+        return {"sent": None if sent is None else float(sent), "engaged": hand.get("engaged", False)}

@@ -19,13 +19,20 @@ MEMORY = 2.5
 """The fastest packet of this period, and of the one before, determines the clock offset [s]."""
 
 
+LARGEST = 1e6
+"""Numbers of a value are at most this: from here on a double no longer resolves a motion of nanometres [m, rad]."""
+
+COARSEST = 1e-3
+"""Coarsest resolution of a time stamp as a double [s]; nanoseconds since 1970, given as seconds, exceed it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Packet:
     """A target as it was received.
 
     value: checked, None where it is of no use, for the reason ``fault``.  sent [s]: on the sender's clock, or on the
-    loop's if the sender gives no time (``timed`` False).  received [s]: on the clock of the loop.  engaged: true while
-    the operator holds the clutch.
+    loop's if the sender gives no time (``timed`` False).  received [s]: on the clock of the loop.  engaged: engaged: true while
+    the operator holds the clutch.  releases: no target, but the clutch opens, for the reason ``fault``.
     """
 
     value: Any
@@ -34,22 +41,46 @@ class Packet:
     timed: bool
     engaged: bool
     fault: str = ""
+    releases: bool = False
 
 
-def packet(element: Task, value: Any, sent: float | None, age: float | None, received: float, engaged: bool) -> Packet:
-    """Make a packet of arbitrary input from the network."""
-    timed, fault = sent is not None, ""
-    time = float(sent) if sent is not None else received - (0.0 if age is None else float(age))
-    checked: Any = None
+def packet(element: Task, value: Any, sent: Any, age: Any, received: Any, engaged: Any) -> Packet:
+    """Make a packet of arbitrary input from the network; never raises for what is in it.
+
+    A packet whose times are not usable has no value.  It is engaged only if ``engaged`` is true, not a text or number.
+    """
+    arrived, old = number(received), 0.0 if age is None else number(age)
+    time = number(sent) if sent is not None else arrived - old
+    fault = ""
+    if not math.isfinite(arrived):
+        fault, arrived = f"received={received!r:.40} is not a finite time [s]", -math.inf
+    elif not old >= 0.0:
+        fault = f"age={age!r:.40} is not a time of at least 0 s"
+    elif not math.isfinite(time) or math.ulp(time) > COARSEST:
+        fault = f"sent={sent!r:.40} is not a finite time [s] with a resolution of 1 ms"
+    checked, wrong = _checked(element, value)
+    held = isinstance(engaged, (bool, np.bool_)) and bool(engaged)
+    fault = wrong or fault
+    return Packet(None if fault else checked, time, arrived, sent is not None, held, fault)
+
+
+def number(value: Any) -> float:
+    """The value as a float, NaN if it is not one."""
     try:
-        checked = element.at(value).value
-        if checked is None or not np.isfinite(checked).all():
-            checked, fault = None, "it is not finite"
-    except DeclarationError as error:
-        fault = str(error)
-    if not math.isfinite(time):
-        checked, fault = None, "its time is not finite"
-    return Packet(checked, time, received, timed, bool(engaged), fault)
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _checked(element: Task, value: Any) -> tuple[Any, str]:
+    """The value of a reference, and the reason if it is not usable."""
+    try:
+        found = element.at(value).value
+    except (DeclarationError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        return None, str(error)
+    if found is None or not np.isfinite(found).all():
+        return None, "it is not finite"
+    return (None, f"it exceeds {LARGEST:.0e} m or rad") if np.abs(found).max(initial=0.0) > LARGEST else (found, "")
 
 
 class Clock:
@@ -80,10 +111,14 @@ class Clock:
 
 
 class Inbox:
-    """Packets between the thread that receives and the loop: each packet comes out once, in order."""
+    """Packets between the thread that receives and the loop: each packet comes out once, in order.
+
+    A packet received later than the tick waits, and holds up no other.
+    """
 
     def __init__(self) -> None:
         self._waiting: deque[Packet] = deque(maxlen=MOST)
+        self._later: list[Packet] = []
 
     def put(self, one: Packet) -> None:
         """From any thread."""
@@ -91,7 +126,8 @@ class Inbox:
 
     def take(self, now: float) -> list[Packet]:
         """Packets received by ``now`` [s]."""
-        found, waiting = [], self._waiting
-        while waiting and waiting[0].received <= now:
-            found.append(waiting.popleft())
-        return found
+        waiting, every = self._waiting, self._later
+        for _ in range(len(waiting)):
+            every.append(waiting.popleft())
+        self._later = [one for one in every if one.received > now][-MOST:]
+        return [one for one in every if one.received <= now]

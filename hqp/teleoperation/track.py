@@ -39,12 +39,12 @@ class Sample:
 class Cubic:
     """Pose of a hand at a time: value ⊕ (x + v tau + a tau^2 / 2 + j tau^3 / 6), tau the time since the latest packet.
 
-    Least squares over the packets of the last 0.3 s, whose weights fall to 0, and over a speed, an acceleration and a
+    Least squares over the packets of the last 0.3 s, whose weights fall from 1 to 0, and over a speed, an acceleration and a
     jerk that are ordinary ones: with one packet the hand stands, with two it moves.  No average, which would lag.
     """
 
     def __init__(self, space: Space, samples: list[Sample]) -> None:
-        latest = samples[-1]
+        samples, latest = recent(samples), samples[-1]
         self.time, self.value = latest.time, latest.value
         tau = np.array([s.time - latest.time for s in samples])
         away = np.array([space.minus(s.value, latest.value) for s in samples])
@@ -86,6 +86,7 @@ class Track:
         self._space, self._speeds = space, speeds
         self._samples: list[Sample] = []
         self._rival: list[Sample] = []
+        self._agreed, self._since = 0, 0.0
         self.motion: Cubic | None = None
 
     def forget(self) -> None:
@@ -103,24 +104,24 @@ class Track:
                 self._add(one)
                 return 0.0
         if not with_rival:
-            rival.clear()
-        rival.append(one)
-        if len(rival) < AGREEING or one.time - rival[0].time < far:
+            rival, self._agreed, self._since = [], 0, one.time
+        self._rival, self._agreed = recent([*rival, one]), self._agreed + 1
+        if self._agreed < AGREEING or one.time - self._since < far:
             return off
-        self._samples = rival[:-1]
+        self._samples = self._rival[:-1]
         self._add(one)
         return 0.0
 
     def _add(self, one: Sample) -> None:
         self._rival = []
-        self._samples = [s for s in self._samples if one.time - s.time < WINDOW] + [one]
+        self._samples = recent([*self._samples, one])
         self.motion = Cubic(self._space, self._samples)
 
     def _off(self, motion: Cubic, one: Sample) -> tuple[float, float]:
         """The time that the reference would take to get to a packet [s]; its distance from the reachable motion of the
         hand [m or rad], 0 inside it."""
         tau = one.time - motion.time
-        off = self._space.minus(one.value, self._space.plus(motion.value, motion.after(tau)[0]))
+        off = self._space.minus(one.value, self._space.plus(motion.value, motion.at(tau, WINDOW)[0]))
         turns, time, wrong = self._space.turns(off.size), 0.0, 0.0
         for rows, abrupt, slack, speed in zip((~turns, turns), ABRUPT, SLACK, self._speeds, strict=True):
             far = length(off, rows)
@@ -128,6 +129,11 @@ class Track:
             if far > slack + 0.5 * abrupt * tau * tau:
                 wrong = max(wrong, far)
         return time, wrong
+
+
+def recent(samples: list[Sample]) -> list[Sample]:
+    """The samples at most ``WINDOW`` [s] older than the latest one, which is the last."""
+    return [s for s in samples if samples[-1].time - s.time < WINDOW]
 
 
 def length(vector: Vec, rows: Mask) -> float:

@@ -42,10 +42,10 @@ class UdpReceiver:
     def _run(self) -> None:
         while True:
             try:
-                data = self._socket.recv(LARGEST + 1)
+                data, sender = self._socket.recvfrom(LARGEST + 1)
             except OSError:
                 return  # closed
-            self.hands.take(data)
+            self.hands.take(data, sender)
 
     def close(self) -> None:
         """Listen no more."""

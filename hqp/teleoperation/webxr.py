@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import json
 from collections.abc import Mapping
 from http import HTTPStatus
 from importlib.resources import files
@@ -113,8 +114,16 @@ class OperatorPage:
         return self._response(HTTPStatus.OK.value, HTTPStatus.OK.phrase, headers, self._page)
 
     async def _talk(self, connection: Any) -> None:
-        async for message in connection:
-            self.hands.take(message)
+        """Take messages of a connection, and answer if it is refused, or no longer."""
+        answered = ""
+        try:
+            async for message in connection:
+                refused = "" if self.hands.take(message, connection) is not None else self.hands.fault
+                if refused != answered:
+                    answered = refused
+                    await connection.send(json.dumps({"refused": refused}))
+        finally:
+            self.hands.leave(connection)
 
     def close(self) -> None:
         """Stop the page."""

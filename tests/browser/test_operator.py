@@ -79,7 +79,7 @@ def follow_page(script: str, act: Any, seconds: float) -> tuple[np.ndarray, np.n
     hand = Pose(frame="tool0", law=P(8.0), name="hand")
     stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
     session = hqp.Controller(stack, deadline=np.inf).session(robot, 0.004)
-    follow = Follow(hand, clutch=True, frame=WEBXR)
+    follow = Follow(hand, clutch=True, frame=WEBXR, max_age=5.0)
     q = robot.integrate(robot.home, np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2]), 1.0)
     v, places, speeds, notes = np.zeros(robot.nv), [], [], set()
     with OperatorPage({"right": follow}) as page, api.sync_playwright() as playwright:
