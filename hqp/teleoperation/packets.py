@@ -31,8 +31,8 @@ class Packet:
     """A target as it was received.
 
     value: checked, None where it is of no use, for the reason ``fault``.  sent [s]: on the sender's clock, or on the
-    loop's if the sender gives no time (``timed`` False).  received [s]: on the clock of the loop.  engaged: engaged: true while
-    the operator holds the clutch.  releases: no target, but the clutch opens, for the reason ``fault``.
+    loop's if the sender gives no time (``timed`` False).  received [s]: on the clock of the loop.  engaged: true
+    while the operator holds the clutch.  releases: no target, but the clutch opens, for the reason ``fault``.
     """
 
     value: Any

@@ -39,8 +39,8 @@ class Sample:
 class Cubic:
     """Pose of a hand at a time: value ⊕ (x + v tau + a tau^2 / 2 + j tau^3 / 6), tau the time since the latest packet.
 
-    Least squares over the packets of the last 0.3 s, whose weights fall from 1 to 0, and over a speed, an acceleration and a
-    jerk that are ordinary ones: with one packet the hand stands, with two it moves.  No average, which would lag.
+    Least squares over the packets of the last 0.3 s, whose weights fall from 1 to 0, and over an ordinary speed,
+    acceleration and jerk: with one packet the hand stands, with two it moves.  No average, which would lag.
     """
 
     def __init__(self, space: Space, samples: list[Sample]) -> None:

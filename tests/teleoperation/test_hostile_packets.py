@@ -1,4 +1,4 @@
-"""Streams of drawn packets, most of them bad: a loop that follows them goes on, at bounded speed, from finite values."""
+"""Streams of drawn packets, most of them bad: a loop that follows them goes on, at bounded speed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ NUMBERS: tuple[Any, ...] = (
     "1.0", "", b"x", None, True, [], [1.0], [1.0, 2.0], {}, np.zeros(2), np.float32(0.1), 1j, object(),
 )  # fmt: skip
 VALUES: tuple[Any, ...] = (
-    *NUMBERS, np.zeros(3), np.full(3, 1e308), np.full(3, 1e200), np.full((4, 4), np.nan), np.zeros((4, 4)), [[1], [2, 3]],
+    *NUMBERS, np.zeros(3), np.full(3, 1e308), np.full(3, 1e200), np.full((4, 4), np.nan), np.zeros((4, 4)),
+    [[1], [2, 3]],
     np.eye(3), np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0]), (np.zeros(3), np.zeros(4)),
     (np.full(3, 1e150), [0, 0, 0, 1e-160]), [10**400] * 3, np.full(6, 1e9), "x" * 1000, {"position": 1}, [None] * 3,
 )  # fmt: skip
