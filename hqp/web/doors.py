@@ -2,8 +2,8 @@
 
 A browser lets any web page open a websocket to this machine, and a name of an attacker's own may resolve to it.  So a
 request needs a Host that is a name of this machine, no Origin but the page's own, and the token or the password.  A
-page that was let in gets a cookie, which its websocket brings along.  Its value is a secret of its own, not the token: a browser
-shows cookies to the pages of all ports of a host, those of other users of the machine among them.
+page that was let in gets a cookie, which its websocket brings along.  Its value is not the token: a browser shows
+cookies to the pages of all ports of a host, those of other users of the machine among them.
 """
 
 from __future__ import annotations
