@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat
 from hqp.errors import ModelWarning
 from hqp.shapes import LinkCapsule
 
 from . import capsules
+from .surface import Surface
 
-FIT = 1
+FIT = 2
 """Version of the fit: another one makes other capsules of the same shapes."""
 
 
@@ -42,15 +42,15 @@ def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
 
     Warns (ModelWarning) when they have to be fitted, and where they cannot be kept; raises ModelError without shapes.
     """
-    clouds = capsules.clouds(robot)
-    path = _path(robot, clouds)
-    found = None if path is None else _read(path, clouds)
+    surfaces = capsules.surfaces(robot)
+    path = _path(robot, surfaces)
+    found = None if path is None else _read(path, surfaces)
     if found is not None:
         return found
     where = "they are not cached: the user has no cache folder" if path is None else f"they are cached in {path}"
     told = f"{robot.name}: fitting capsules to its shapes; {where}"
     warnings.warn(told, ModelWarning, stacklevel=3)
-    found = capsules.fit_clouds(robot, clouds)
+    found = capsules.fit_surfaces(robot, surfaces)
     if path is not None:
         try:
             _write(path, found)
@@ -60,12 +60,13 @@ def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
     return found
 
 
-def _path(robot: Any, clouds: Mapping[int, Mat]) -> Path | None:
+def _path(robot: Any, surfaces: Mapping[int, Surface]) -> Path | None:
     """A file by the hash of all that the capsules are fitted to; None where there is no home."""
-    digest = hashlib.sha256(f"{FIT} {capsules.SPLIT} {capsules.WORTH}".encode())
-    for joint, points in sorted(clouds.items()):
-        digest.update(f"\0{joint} {capsules.link_name(robot, joint)} {points.shape}".encode())
-        digest.update(np.ascontiguousarray(points, dtype="<f8").tobytes())
+    digest = hashlib.sha256(f"{FIT} {capsules.NEAR} {capsules.SHARE} {capsules.TIGHT} {capsules.MOST}".encode())
+    for joint, part in sorted(surfaces.items()):
+        digest.update(f"\0{joint} {capsules.link_name(robot, joint)} {part.triangles.shape}".encode())
+        for numbers in part:
+            digest.update(np.ascontiguousarray(numbers, dtype="<f8").tobytes())
     name = re.sub(r"[^\w.-]", "_", robot.name)[:60]
     try:
         return folder() / f"{name}-{digest.hexdigest()[:24]}.json"
@@ -73,7 +74,7 @@ def _path(robot: Any, clouds: Mapping[int, Mat]) -> Path | None:
         return None
 
 
-def _read(path: Path, clouds: Mapping[int, Mat]) -> tuple[LinkCapsule, ...] | None:
+def _read(path: Path, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...] | None:
     """Content of a file; None where it is not there, or not as it was written."""
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
@@ -84,7 +85,7 @@ def _read(path: Path, clouds: Mapping[int, Mat]) -> tuple[LinkCapsule, ...] | No
         numbers = [x for c in found for x in (*c.a, *c.b, c.radius)]
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
-    fits = {c.body for c in found} == set(clouds) and all(len(c.a) == len(c.b) == 3 for c in found)
+    fits = {c.body for c in found} == set(surfaces) and all(len(c.a) == len(c.b) == 3 for c in found)
     return found if fits and all(map(math.isfinite, numbers)) else None
 
 

@@ -10,10 +10,11 @@ from weakref import WeakValueDictionary
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat
 from hqp.errors import ModelError
 
 from .description import Description
+from .surface import surface
 
 Kind = Literal["collision", "visual"]
 
@@ -114,41 +115,10 @@ def mesh_shape(points: Mat, faces: Any) -> Any:
     return mesh
 
 
-def points(shape: Any) -> tuple[Mat, float]:
-    """Points ``(n, 3)`` [m] whose hull, blown up by a radius [m], is the shape or holds it."""
-    kind = type(shape).__name__
-    if kind == "Sphere":
-        return np.zeros((1, 3)), float(shape.radius)
-    if kind == "Capsule":
-        return np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]]), float(shape.radius)
-    if kind == "Box":
-        return _corners(np.asarray(shape.halfSide)), 0.0
-    if kind == "Cylinder":
-        ring = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
-        side = shape.radius * np.column_stack((np.cos(ring), np.sin(ring)))
-        return np.vstack([np.column_stack((side, np.full(32, z))) for z in (-shape.halfLength, shape.halfLength)]), 0.0
-    if kind == "Ellipsoid":
-        ball = np.array([p / np.linalg.norm(p) for p in _corners(np.ones(3))] + list(np.eye(3)) + list(-np.eye(3)))
-        return ball * np.asarray(shape.radii), 0.0
-    if hasattr(shape, "vertices"):
-        found = shape.vertices()
-        return np.array(found, dtype=np.float64).reshape(-1, 3), 0.0
-    if hasattr(shape, "points"):
-        return np.array(shape.points(), dtype=np.float64).reshape(-1, 3), 0.0
-    raise ModelError(f"a {kind} has no vertices")
-
-
-def _corners(half: Vec) -> Mat:
-    return np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * half
-
-
 def lowest(model: Any, data: Any, geometry: Any, joint: int) -> float:
     """Height of the lowest point of a joint's own shapes [m], inf without shapes."""
     height = np.inf
     for item in geometry.geometryObjects:
         if item.parentJoint == joint:
-            at, radius = points(item.geometry)
-            placed = data.oMi[joint] * item.placement
-            scaled = at * np.asarray(item.meshScale) if hasattr(item.geometry, "vertices") else at
-            height = min(height, float((scaled @ placed.rotation.T + placed.translation)[:, 2].min()) - radius)
+            height = min(height, float(surface(item).placed(data.oMi[joint]).lowest()[:, 2].min()))
     return height

@@ -11,6 +11,8 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.errors import ModelError
 
+from .surface import vertices_and_faces
+
 Kind = Literal["mesh", "box", "sphere", "cylinder", "capsule"]
 
 
@@ -52,7 +54,7 @@ def _shape(item: Any) -> Shape | None:
         if Path(path).is_file():
             size = tuple(float(s) for s in item.meshScale)
         else:
-            triangles, size, path = _triangles(geometry), (1.0, 1.0, 1.0), ""
+            triangles, size, path = vertices_and_faces(geometry), (1.0, 1.0, 1.0), ""
             if triangles is None:
                 return None
         kind = "mesh"
@@ -68,17 +70,6 @@ def _shape(item: Any) -> Shape | None:
         None if plain else (r, g, b, a),
         triangles,
     )
-
-
-def _triangles(geometry: Any) -> tuple[Mat, Mat] | None:
-    """Corners ``(k, 3)`` and triangles ``(m, 3)`` of a mesh in memory; None for another shape."""
-    if hasattr(geometry, "num_tris") and hasattr(geometry, "vertices"):
-        faces = [list(geometry.tri_indices(i)) for i in range(geometry.num_tris)]
-        return np.array(geometry.vertices()), np.array(faces)
-    if hasattr(geometry, "polygons") and hasattr(geometry, "points"):
-        faces = [list(geometry.polygons(i)) for i in range(geometry.num_polygons)]
-        return np.array(geometry.points()), np.array(faces)
-    return None
 
 
 def _primitive(geometry: Any) -> tuple[Kind | None, tuple[float, ...]]:

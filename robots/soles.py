@@ -10,7 +10,7 @@ import pinocchio as pin
 from hqp.arrays import Mat
 from hqp.errors import ModelError
 
-from .geometry import points
+from .surface import surface
 
 SOLE = 4e-3
 """Points of the foot at most this far above its lowest one are its sole [m]."""
@@ -60,10 +60,7 @@ def _cloud(robot: Any, frame: str) -> Mat:
 
 def _placed(item: Any, placement: Any) -> Mat:
     """Points of a shape, its lowest for a rounded one, in a frame of the same joint."""
-    cloud, radius = points(item.geometry)
-    local = placement.actInv(item.placement) if isinstance(placement, pin.SE3) else item.placement
-    placed: Mat = np.asarray(cloud) @ local.rotation.T + local.translation
-    return placed - [0.0, 0.0, radius]
+    return surface(item).placed(pin.SE3(placement).inverse()).lowest()
 
 
 def _hull(cloud: Mat) -> list[Any]:
@@ -115,10 +112,7 @@ def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
 
 
 def _placed_in_world(robot: Any, item: Any) -> Mat:
-    cloud, radius = points(item.geometry)
-    at = robot.data.oMi[item.parentJoint] * item.placement
-    placed: Mat = np.asarray(cloud) @ at.rotation.T + at.translation
-    return placed - [0.0, 0.0, radius]
+    return surface(item).placed(robot.data.oMi[item.parentJoint]).lowest()
 
 
 def _body(robot: Any, joint: int) -> str:

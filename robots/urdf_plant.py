@@ -13,10 +13,10 @@ from hqp.arrays import Mat
 from hqp.errors import ModelError, ModelWarning
 
 from . import from_urdf
-from .geometry import points
 from .mujoco_extra import mujoco
 from .physical import make_physical
 from .soles import sole_points
+from .surface import surface
 
 _THIN = 1e-3  # [m]
 _CORNER = 5e-3  # radius of a sole's corner [m]
@@ -145,7 +145,7 @@ def _fill(spec: Any, geom: Any, item: Any) -> None:
     elif kind == "Box":
         geom.type, geom.size = kinds.mjGEOM_BOX, list(shape.halfSide)
     else:
-        vertices, faces = hull(points(shape)[0])
+        vertices, faces = hull(surface(item).placed(item.placement.inverse()).points())
         spec.add_mesh(name=item.name, uservert=vertices.ravel().tolist(), userface=faces.ravel().tolist())
         geom.type, geom.meshname = kinds.mjGEOM_MESH, item.name
 

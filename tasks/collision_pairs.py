@@ -108,4 +108,5 @@ def _named(element: CollisionAvoidance, robot: Robot, name: str) -> list[int]:
 
 def _link(name: str) -> str:
     """The link of a capsule: a link with several numbers them after a slash."""
-    return name.split("/")[0]
+    link, _, number = name.rpartition("/")
+    return link if link and number.isdigit() else name

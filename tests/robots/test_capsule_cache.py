@@ -21,13 +21,14 @@ pytest.importorskip("mujoco")
 
 @pytest.fixture
 def fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sizes of the clouds that were fitted, with an empty cache; fitted is a ball, which takes no time."""
+    """Return the corners of each fitted surface, with an empty cache and a ball for the fit, which takes no time."""
     seen: list[int] = []
 
-    def counted(cloud: Any) -> Any:
-        seen.append(len(cloud))
-        centre = cloud.mean(axis=0)
-        return [(centre, centre, float(np.linalg.norm(cloud - centre, axis=1).max()))]
+    def counted(part: Any) -> Any:
+        points = part.points()
+        seen.append(len(points))
+        centre = points.mean(axis=0)
+        return [(centre, centre, float(np.linalg.norm(points - centre, axis=1).max()))]
 
     monkeypatch.setattr(capsules, "fit", counted)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

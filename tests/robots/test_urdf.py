@@ -16,6 +16,7 @@ import hqp.robots
 from hqp import Level, Stack
 from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
 from hqp.robots import Robot, geometry
+from hqp.robots.surface import surface
 from hqp.tasks import JointCoupling, Position, Posture
 
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="{mass}"/>
@@ -268,7 +269,10 @@ def write_mesh(path: Path, size: float) -> None:
 
 
 def largest(robot: Robot) -> float:
-    return max(float(np.max(geometry.points(item.geometry)[0])) for item in robot.geometry.geometryObjects)
+    return max(
+        float(np.max(surface(item).placed(item.placement.inverse()).points()))
+        for item in robot.geometry.geometryObjects
+    )
 
 
 def test_robots_of_one_file_share_meshes_as_long_as_there_are_any(tmp_path: Path) -> None:

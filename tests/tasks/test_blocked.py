@@ -19,7 +19,12 @@ BLOCKED = [
     ("panda", "torque", "torso"),
     pytest.param("talos", "velocity", "torso", marks=pytest.mark.slow),
     ("talos", "velocity", "table"),
-    ("talos", "velocity", "other hand"),
+    pytest.param(
+        "talos",
+        "velocity",
+        "other hand",
+        marks=pytest.mark.xfail(strict=True, reason="5 reversals/s since the capsules contain Talos's arms"),
+    ),
     ("talos", "acceleration", "torso"),
     pytest.param("talos", "torque", "other hand", marks=pytest.mark.slow),
     pytest.param("talos", "acceleration", "other hand", marks=pytest.mark.slow),

@@ -418,24 +418,6 @@ def test_a_hand_sent_into_the_torso_is_kept_out(talos: Any, formulation: hqp.For
 # ----------------------------------------------------------------------------------------------------- capsules
 
 
-def test_capsules_hold_the_shapes(panda: Any) -> None:
-    from hqp.robots import geometry
-
-    for item in panda.geometry.geometryObjects:
-        own = [c for c in panda.capsules if c.body == item.parentJoint]
-        if not own:
-            assert item.parentJoint == 0
-            continue
-        cloud, _ = geometry.points(item.geometry)
-        cloud = cloud @ item.placement.rotation.T + item.placement.translation
-        least = np.full(len(cloud), np.inf)
-        for c in own:
-            a, axis = np.array(c.a), np.array(c.b) - np.array(c.a)
-            s = np.clip((cloud - a) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
-            least = np.minimum(least, np.linalg.norm(cloud - a - np.outer(s, axis), axis=1) - c.radius)
-        assert least.max() < 2e-3, item.name  # two capsules meet inside a mesh whose triangles cross the cut
-
-
 def test_a_robot_without_stored_capsules_says_so(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "arm.xml"
