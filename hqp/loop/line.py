@@ -183,8 +183,17 @@ class Line:
     def attend(self, out: frozenset[str], state: State, direct: Direct | None) -> None:
         """These elements are out of this tick, and all others in: those that come back take fresh hold values.
 
-        direct: where the tick is to be one native call, which takes those that it can.
+        direct: where the tick is to be one native call, which takes those that it can.  If it raises, the next tick
+        begins anew, from the elements that were in before.
         """
+        before = self.presence.now
+        try:
+            self._attend(out, state, direct)
+        except BaseException:
+            self.presence.now = before
+            raise
+
+    def _attend(self, out: frozenset[str], state: State, direct: Direct | None) -> None:
         back = self.presence.back(out)
         self.presence.now = out
         turn(self.workspace, self.presence.marks(out))  # the solver goes on where it ended when it was last so

@@ -40,10 +40,15 @@ class References:
         self.current = {element.name: self._held(element.name) for element in stack}
 
     def renew(self, element: Element, state: State) -> None:
-        """A fresh hold value for an element that comes back."""
-        self.holds.pop(element.name, None)
+        """A fresh hold value for an element that comes back; the former one stays if taking it raises."""
+        former = self.holds.pop(element.name, None)
         self.without.pop(element.name, None)
-        self._take_hold(element, state)
+        try:
+            self._take_hold(element, state)
+        except BaseException:
+            if former is not None:
+                self.holds[element.name] = former
+            raise
         self.current[element.name] = self._held(element.name)
 
     def put(self, held: Iterable[Reference]) -> None:

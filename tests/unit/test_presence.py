@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import hqp.tasks as t
 from hqp import Level, Stack, Status, serial
 from hqp.arrays import Vec
 from hqp.declare.robot import Robot
-from hqp.errors import DeclarationError, UnknownReference
+from hqp.errors import DeclarationError, StaleState, UnknownReference
+from hqp.loop.references import References
 from hqp.loop.session import Session
 from tests.counting import calls
 
@@ -295,3 +297,48 @@ def test_native_ticks_take_the_hold_values_of_what_comes_back(kind: str, robot: 
     session.line.leave_direct()
     session.line.stay_general()
     np.testing.assert_allclose(session.step(robot.state(q + STEP, v)).x, found, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("broken", ["stale", "first hold value", "second hold value", "rows"])
+def test_a_step_that_raises_while_elements_come_back_costs_no_hold_value(
+    kind: str, native: bool, broken: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next step takes fresh ones, as if the step that raised had not been."""
+    session = begin(standing(kind), kind, robot, native=native)
+    q, out = robot.home, (CONTACTS["left"].off(), HAND.off())
+    for k in range(8):
+        q = robot.integrate(q, STEP * np.ones(robot.nv), 1.0)
+        session.step(robot.state(q), SWING.off(), *(out if k >= 4 else ()))
+    before, taken = session.hold_values, 0
+    take, prepare = References._take_hold, type(session.program).prepare
+
+    def interrupted(self: Any, *given: Any) -> None:
+        nonlocal taken
+        taken += 1
+        if broken == ("first hold value", "second hold value")[min(taken, 2) - 1]:
+            raise KeyboardInterrupt
+        take(self, *given)
+
+    def unprepared(self: Any, state: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(References, "_take_hold", interrupted)
+        if broken == "rows":
+            patch.setattr(type(session.program), "prepare", unprepared)
+        state = robot.state(q)
+        if broken == "stale":
+            robot.state(robot.home)
+        with contextlib.suppress(KeyboardInterrupt, StaleState):
+            session.step(state, SWING.off())
+    assert type(session.program).prepare is prepare
+    for _ in range(4):
+        q = robot.integrate(q, STEP * np.ones(robot.nv), 1.0)
+        assert session.step(robot.state(q), SWING.off()).status is Status.OPTIMAL
+    after = session.hold_values
+    for name in ("left", "hand"):
+        assert np.abs(after[name] - before[name]).max() > STEP
+    for name in ("right", "posture"):
+        np.testing.assert_array_equal(after[name], before[name])
