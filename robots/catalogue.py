@@ -46,7 +46,7 @@ def load(
     closest names) or a file cannot be read, DeclarationError for another type, an SRDF without a URDF, or a base that
     differs from the request and cannot be changed.
     """
-    if srdf is not None and not (isinstance(source, (str, Path)) and Path(source).suffix == ".urdf"):
+    if srdf is not None and not (isinstance(source, (str, Path)) and Path(source).suffix.lower() == ".urdf"):
         raise DeclarationError("robot", "an SRDF needs a URDF", value=source, allowed="a path that ends in .urdf")
     if isinstance(source, pin.Model):
         robot = Robot(source, name=name)
@@ -59,7 +59,7 @@ def load(
     if str(source) in _OWN:
         return _own(str(source), floating is not False, rotors is not False)
     robot = _named(str(source), floating, name, srdf)
-    if rotors and robot.source is not None and robot.source.suffix == ".urdf":
+    if rotors and robot.source is not None and robot.source.suffix.lower() == ".urdf":
         for joint, inertia in rotor_inertia(robot, None if rotors is True else float(rotors)).items():
             robot.model.armature[robot.model.joints[robot.model.getJointId(joint)].idx_v] = inertia
     return robot
@@ -67,7 +67,7 @@ def load(
 
 def _named(key: str, floating: bool | None, name: str | None, srdf: str | Path | None) -> Robot:
     path = Path(key)
-    if path.suffix in (".urdf", ".xml", ".mjcf"):
+    if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         return _from_file(path, floating, name, srdf)
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
@@ -160,7 +160,7 @@ def _from_file(path: Path, floating: bool | None, name: str | None, srdf: str | 
         raise ModelError(f"no such file: {path}")
     found = _read(path, floating)
     beside = path.with_suffix(".srdf")
-    if srdf is not None or (path.suffix == ".urdf" and beside.is_file()):
+    if srdf is not None or (path.suffix.lower() == ".urdf" and beside.is_file()):
         from_srdf.read(Path(srdf or beside), found)
     robot = Robot(found.model, name=name or path.stem, description=found)
     for text in found.warnings:
@@ -169,7 +169,7 @@ def _from_file(path: Path, floating: bool | None, name: str | None, srdf: str | 
 
 
 def _read(path: Path, floating: bool | None) -> Description:
-    if path.suffix == ".urdf":
+    if path.suffix.lower() == ".urdf":
         return from_urdf.read(path, floating)
     from . import agreement, from_mjcf  # MuJoCo is an extra
 

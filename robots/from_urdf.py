@@ -22,6 +22,8 @@ _TRIPLES = ("xyz", "rpy")
 MOST_LINKS = 5000
 """Pinocchio's reader goes down a chain of links by calls of itself; 20 000 end the process."""
 _PREFIX = re.compile(rb"(</?|\s)([A-Za-z_][\w.-]*):([A-Za-z_][\w.-]*)(?=[\s=/>])")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_MACRO = re.compile(rb"<xacro:[\w.-]+")
 _AXIAL = ("revolute", "prismatic", "continuous", "planar")
 _SLACK = 1e-6  # tolerance of the triangle inequality, relative to the largest moment: decimals in files
 
@@ -52,6 +54,7 @@ def read(path: Path, floating: bool | None) -> Description:
     or missing, equal lower and upper limits, mimic joints that follow an unknown one.
     """
     root = parsed(path)
+    _refuse_macros(path)
     freed = _free_root(root)
     if freed and floating is False:
         raise DeclarationError(
@@ -81,6 +84,14 @@ def read(path: Path, floating: bool | None) -> Description:
     found = Description(model=model, source=path, warnings=warnings)
     _read_mimics(path, root, found)
     return found
+
+
+def _refuse_macros(path: Path) -> None:
+    """Raise ModelError, with line and element, for macros that xacro has not expanded."""
+    text = _COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), path.read_bytes())
+    if (left := _MACRO.search(text)) is not None:
+        line, found = text[: left.start()].count(b"\n") + 1, left[0].decode(errors="replace")
+        raise ModelError(f"{path}, line {line}: {found}: a macro of xacro is left in; run xacro on the source file")
 
 
 def _free_root(root: ET.Element) -> str:

@@ -90,7 +90,9 @@ class Robot:
         self.actuated: Index = np.array([self._column(n) for n in self.joint_names], dtype=np.intp)
         self.lower, self.upper, self.velocity_limit, self.effort_limit = joints.limits(model)
         self.frame_names: tuple[str, ...] = tuple(f.name for f in model.frames)
-        self._frames = {n: i for i, n in reversed(list(enumerate(self.frame_names)))}
+        joint_kinds = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)  # of one name, the link or site is the frame
+        ranked = sorted(range(len(model.frames)), key=lambda i: (model.frames[i].type not in joint_kinds, -i))
+        self._frames = {self.frame_names[i]: i for i in ranked}
         self.notes: tuple[str, ...] = (*description.warnings, *description.notes) if description else ()
         self.cones: dict[str, float] = dict(description.cones) if description else {}
         self.disabled_pairs = description.disabled_pairs if description else frozenset()
@@ -98,6 +100,7 @@ class Robot:
         if home is None:
             home = description.home if description and description.home is not None else pin.neutral(model)
         self.set_home(home)
+        self.configurations = {key: self._coupled(q) for key, q in self.configurations.items()}
         self._units = unit_parts(model)
         self._begin()
 
@@ -119,15 +122,20 @@ class Robot:
             )
             raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},){hint}")
         self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper, self.cones)
-        for terms, offset in self.description.couplings if self.description else ():
-            (follower, factor), *leaders = terms.items()
-            angle = (offset - sum(c * self._angle(leader) for leader, c in leaders)) / factor
-            self.home = self._joints.turned(self.home, self._column(follower), angle)
+        self.home = self._coupled(self.home)
         if moved:
             self.notes += (f"home was moved into the limits of {', '.join(moved)}",)
 
-    def _angle(self, joint: str) -> float:
-        return float(self._joints.angles(self.model, self.home)[self._column(joint)])
+    def _coupled(self, q: Vec) -> Vec:
+        """q with each follower of the file's couplings where its leaders put it; followers may lead others."""
+        couplings = self.description.couplings if self.description else ()
+        for _ in couplings:  # as often as a chain of them may be long
+            for terms, offset in couplings:
+                angles = self._joints.angles(self.model, q)
+                (follower, factor), *leaders = terms.items()
+                angle = (offset - sum(c * float(angles[self._column(leader)]) for leader, c in leaders)) / factor
+                q = self._joints.turned(q, self._column(follower), angle)
+        return q
 
     def _column(self, joint: str) -> int:
         columns = self._joints.find(joint, self.groups)

@@ -1,0 +1,54 @@
+"""Couplings, states and names mean what the file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp.errors import ModelError
+
+MASS = '<inertial><mass value=".3"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
+ENDS = {"continuous": "", "revolute": 'lower="-9" upper="9"'}
+
+
+def chain(folder: Path, kind: str, *mimics: str, suffix: str = ".urdf", more: str = "") -> Any:
+    """Joints j0, j1, ... in a chain, each with the mimic element given for it."""
+    links = "".join(f'<link name="l{i}">{MASS}</link>' for i in range(len(mimics) + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="0 0 .1"/>'
+        f'<axis xyz="0 1 0"/><limit {ENDS[kind]} velocity="9" effort="50"/>{mimic}</joint>'
+        for i, mimic in enumerate(mimics)
+    )
+    path = folder / f"chain{suffix}"
+    path.write_text(f'<robot xmlns:xacro="x" name="chain">{links}{joints}{more}</robot>')
+    return hqp.robots.load(path)
+
+
+def follower(leader: str, factor: float, offset: float = 0.0) -> str:
+    return f'<mimic joint="{leader}" multiplier="{factor}" offset="{offset}"/>'
+
+
+def test_states_satisfy_chains_of_couplings(tmp_path: Path) -> None:
+    (tmp_path / "chain.srdf").write_text(
+        '<robot name="chain"><group name="g"><joint name="j2"/></group>'
+        '<group_state name="bent" group="g"><joint name="j2" value="0.3"/></group_state></robot>'
+    )
+    robot = chain(tmp_path, "revolute", follower("j1", 2.0), follower("j2", -1.0, 0.1), "")
+    np.testing.assert_allclose(robot.configuration("bent"), [-0.4, -0.2, 0.3], atol=1e-12)
+
+
+def test_a_link_keeps_its_name(tmp_path: Path) -> None:
+    end = '<link name="j1"/><joint name="end" type="fixed"><parent link="l1"/><child link="j1"/>'
+    robot = chain(tmp_path, "revolute", "", "", more=f'{end}<origin xyz="0 0 .5"/></joint>')
+    np.testing.assert_allclose(robot.state(robot.home).position("j1"), [0.0, 0.0, 0.6], atol=1e-12)
+
+
+def test_suffixes_in_capitals_and_macros_left_in(tmp_path: Path) -> None:
+    assert chain(tmp_path, "revolute", "", suffix=".URDF").nv == 1
+    assert chain(tmp_path, "revolute", "", more="<!-- <xacro:hand/> -->").nv == 1
+    with pytest.raises(ModelError, match="line 2: <xacro:hand"):
+        chain(tmp_path, "revolute", "", more='\n<xacro:hand parent="l1"/>')
