@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 import sys
 from pathlib import Path
@@ -30,6 +31,12 @@ def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monke
     for line, code in blocks(page, "python"):
         source = "\n" * (line - 1) + code  # a traceback then points into the page
         exec(compile(source, str(page), "exec", dont_inherit=True), module.__dict__)
+    gc.unfreeze()  # a loop of a page may have frozen the heap
+
+
+def test_the_loop_of_the_quickstart_is_spared_full_collections() -> None:
+    code = next(c for _, c in blocks(ROOT / "docs/quickstart.md", "python") if "session.step(" in c)
+    assert 0 < code.index("gc.freeze()") < code.index("session.step(")
 
 
 def test_toml_blocks_are_stacks() -> None:
