@@ -254,7 +254,7 @@ class _Program:
         size = np.abs(v)
         size[:n] += RESTING * size[:n].max(initial=0.0)
         rows, sizes = self.T @ self.Z, np.maximum(np.abs(self.T) @ size + np.abs(self.t), 1e-150)
-        found = pull(rows @ face.T, rows @ along.T, w, self.lengths, sizes, FLAT)
+        found = pull(rows @ face.T, rows @ along.T, w, self.lengths, sizes, NULL_SPACE_ROUNDING / FLAT)
         held, normals = np.zeros(side.size, dtype=bool), (cone @ along.T).T
         left = -found.along / max(found.size, 1e-300)
         left = left - normals @ nonnegative_least_squares(normals, left)
@@ -284,8 +284,9 @@ class _Program:
             face[row] = True
         curvature = self.T @ direction
         best = float((self.t - self.T @ v) @ curvature) / max(float(curvature @ curvature), 1e-300)
-        along = np.abs(self.C @ direction) <= ALONG * float(np.sqrt(direction @ direction))
-        return np.asarray(v + min(best, self._room(v, direction, held & along)[0]) * direction), False
+        unheld = np.zeros(held.size, dtype=bool)  # nearly opposed rows: a long step leaves a row at a small rate
+        # if the direction is rounding it may lead upwards: a negative step would leave rows that nothing checks
+        return np.asarray(v + min(max(best, 0.0), self._room(v, direction, unheld)[0]) * direction), False
 
     def _room(self, v: Vec, step: Vec, held: Mask) -> tuple[float, int]:
         """Return how many times the step fits, and the blocking row, -1 if there is none."""
