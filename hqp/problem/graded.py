@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec, row_lengths
-from hqp.tolerances import FLAT_ROW, GRADED_ROWS, NULL_SPACE_ROUNDING
+from hqp.tolerances import FLAT_ROW, GRADED_ROWS
 
 
 def is_graded(lengths: Vec, zero: float) -> bool:
@@ -31,17 +31,18 @@ class Pull:
     taken: float
 
 
-def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, tolerance: float) -> Pull:
+def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: float) -> Pull:
     """along' w after the step that is best for ||w||, w = slack + face step.
 
     face: ``(m, f)`` rows in coordinates of the face of all active rows; along: ``(m, k)`` in those of the active rows;
     slack, lengths: ``(m,)``; sizes: ``(m,)``, sizes that errors of the rows are relative to.  A term is the pull of the
-    row, plus its pull for a slack of its size, plus rounding of either over the tolerance.
+    row, plus its pull for a slack of its size, plus ``rounding`` of either: rounding of a row of unit length, divided
+    by the tolerance.
     """
     T, order, _, rank = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW)
     taken = np.abs(T[:rank, -1]) / sizes[order[:rank]]
     A, w = T[rank:, face.shape[1] : -1], T[rank:, -1]
-    size, own, rounding = sizes[order[rank:]], lengths[order[rank:]], NULL_SPACE_ROUNDING / tolerance
+    size, own = sizes[order[rank:]], lengths[order[rank:]]
     terms = np.linalg.norm(A, axis=1) * (np.abs(w) + size) + rounding * own * (np.abs(w) + rounding * size)
     return Pull(A.T @ w, float(terms.sum()), float(taken.max(initial=0.0)))
 

@@ -67,7 +67,9 @@ class Judge:
         along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
         left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
         B = A[left] @ self.Z
-        found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], size * lengths[left], self.tolerance)
+        found = pull(
+            B @ face.T, B @ along.T, slack[left], lengths[left], size * lengths[left], ROUNDED / self.tolerance
+        )
         gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
         return max(gap, found.taken), shares
 

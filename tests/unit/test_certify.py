@@ -253,6 +253,24 @@ def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
     assert not certificate(problem, np.array([0.99, 0.0])).ok
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_rows_that_are_products_is_no_pull(seed: int) -> None:
+    """Rows of different lengths that see a bounded coordinate by rounding alone: they do not pull it off its bound."""
+    rng = np.random.default_rng(seed)
+    lengths = 10.0 ** np.array([0.0, -1.0, -2.0, -3.0])
+    A, b = lengths[:, None] * rng.normal(size=(4, 2)), lengths * rng.normal(size=4)
+    best = np.linalg.lstsq(A, b, rcond=None)[0]
+    inwards = lengths * np.sign(A @ best - b)
+    x, bound = np.array([*best, 0.0]), Rows(Selection(np.array([2])), np.array([-np.inf]), np.zeros(1))
+
+    def passes(seen: float) -> bool:
+        task = Rows(np.column_stack([A, seen * inwards]), b, b)
+        return certificate(Hierarchy((bound, task), constraints=1), x, 1e-8).ok
+
+    assert all(passes(seen) for seen in (1e-15, 1e-14, 1e-13, 3e-13))
+    assert not any(passes(seen) for seen in (1e-9, 1e-6, 1e-3))
+
+
 def test_what_is_no_answer_at_all() -> None:
     problem = Hierarchy((Rows(np.eye(2), np.ones(2), np.ones(2)),))
     verdict = certificate(problem, np.array([np.nan, 0.0]))
