@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: paper corpus test-arm bench experiments test test-all test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: paper corpus test-arm bench experiments test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -19,6 +19,10 @@ experiments: setup
 PYTEST := HQP_REQUIRE_NATIVE=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
 test: setup
 	$(PYTEST) -m "not slow"
+
+# What judges answers and loops, on the kernels that HQP_ISA names: generic or avx2, the best of the machine without it.
+test-kernels: setup
+	$(PYTEST) -m "not slow" tests/solvers tests/torque tests/properties tests/export tests/walking tests/invariance
 
 # And what draws many or goes on for long.
 test-all: test

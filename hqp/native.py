@@ -44,12 +44,26 @@ def describe() -> str:
     return f"native ({instruction_set() or 'no kernel'})" + (f", {' and '.join(gone)} in Python" if gone else "")
 
 
+ISAS = ("generic", "avx2")
+"""Values of the environment variable HQP_ISA, which chooses the kernels; without it the best of the machine run."""
+
+
+def check_instruction_set() -> None:
+    """Raise ImportError if HQP_ISA names kernels that are unknown, or that this machine or build lacks."""
+    asked = os.environ.get("HQP_ISA", "")
+    if asked and asked not in ISAS:
+        raise ImportError(f"HQP_ISA={asked!r}: unknown kernels; allowed: {', '.join(ISAS)}, or unset for the best")
+    if asked == "avx2" and instruction_set() not in ("avx2", ""):
+        raise ImportError("HQP_ISA=avx2: this machine or build of hqp has no AVX2 kernels; unset it, or take generic")
+
+
 def check() -> None:
     """Raise ImportError in a checkout that was not built, else warn once of missing compiled parts.
 
     HQP_PURE=1 allows both without a word, HQP_REQUIRE_NATIVE=1 neither.  pip hides the output of a build, so the
     warning has to come here.
     """
+    check_instruction_set()
     if not missing() or _set("HQP_PURE"):
         return
     if _is_bare_checkout(folder := Path(__file__).absolute().parents[1]):

@@ -145,6 +145,14 @@ def test_the_command_tells_pure_from_native(capsys: pytest.CaptureFixture[str]) 
     ]
 
 
+def test_the_environment_chooses_the_kernels() -> None:
+    code = "from hqp.__main__ import main\nmain(['solvers'])"
+    assert "native (generic)" in run(code, HQP_ISA="generic").stdout
+    wrong = run(code, HQP_ISA="avx9")
+    assert "HQP_ISA='avx9'" in wrong.stderr
+    assert "generic, avx2" in wrong.stderr
+
+
 def test_doctor_counts_blas_threads_and_says_how_to_mend() -> None:
     code = "import sys\nfrom hqp.__main__ import main\nsys.exit(main(['doctor']))"
     one = dict.fromkeys(doctor.THREADS, "1")

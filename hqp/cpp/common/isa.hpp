@@ -1,11 +1,21 @@
 // Select the build of a kernel for this machine.
 #pragma once
 
+#include <cstdlib>
+#include <cstring>
+
 namespace hqp {
 
+// True if the avx2 kernels run: the machine has the instructions, and the environment variable HQP_ISA, read once, is
+// not "generic".
 static inline bool has_avx2() {
 #if defined(HQP_AVX2)
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  static const bool found = [] {
+    const char* asked = std::getenv("HQP_ISA");
+    const bool generic = asked && std::strcmp(asked, "generic") == 0;
+    return !generic && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  }();
+  return found;
 #else
   return false;
 #endif

@@ -48,6 +48,8 @@ class Settled {
         side_(n),
         free_(ld_, 1.0),
         fixed_(ld_),
+        picked_(n),
+        frozen_pull_(n),
         y_(ld_),
         a_(n),
         x_(n),
@@ -99,10 +101,11 @@ class Settled {
     count_ = equalities_;
     for (; reached_ < k; ++reached_) enter(reached_);
     const int own = equalities_;
+    const std::size_t frozen = frozen_;
     enter(k);
     reached_ = k + 1;
-    if (!least_motion(k) || !kept(own) || !(prices_[k] * multipliers(k, own) <= 1.0)) return false;
-    if (again_ && kept(0) && bound_.wants(k)) {
+    if (!least_motion(k) || !kept(own) || !(prices_[k] * multipliers(k, own, frozen) <= 1.0)) return false;
+    if (again_ && frozen == frozen_ && kept(0) && bound_.wants(k)) {
       invert();
       prepare_bound(k, own);
     }
@@ -119,6 +122,7 @@ class Settled {
 
   // Rows that level k leaves to those below hold: of an exact level as x meets them, of a priced one its equalities.
   void enter(int k) {
+    put_back(frozen_);  // columns of the last level's set stand behind frozen ones
     const PricedLevel& level = level_[k];
     const bool priced = prices_[k] > 0.0;
     for (int i = 0; i < level.m; ++i) {
@@ -149,7 +153,8 @@ class Settled {
     const int j = static_cast<int>(level.index[i]);
     if (free_[j] == 0.0) return false;
     free_[j] = 0.0;
-    fixed_[j] = (value - level.scale[i] * at_->still()[j]) / at_->picked(j, level.scale[i]);
+    picked_[j] = at_->picked(j, level.scale[i]);
+    fixed_[j] = (value - level.scale[i] * at_->still()[j]) / picked_[j];
     taken_out_.push_back(j);
     factored_ = 0;
     return true;
@@ -303,16 +308,22 @@ class Settled {
     for (const int entry : set) {
       const auto [level, i] = place(std::abs(entry) - 1);
       const int j = level.A ? 0 : static_cast<int>(level.index[i]);
-      pull_.push_back(picks(level, i) ? (fixed_[j] - y_[j]) / at_->picked(j, level.scale[i]) : lambda_[next++]);
+      pull_.push_back(picks(level, i) ? (fixed_[j] - y_[j]) / picked_[j] : lambda_[next++]);
+    }
+    for (std::size_t f = 0; f < frozen_; ++f) {
+      const int j = taken_out_[f];
+      frozen_pull_[f] = (fixed_[j] - y_[j]) / picked_[j];
     }
     for (const int j : taken_out_) y_[j] = fixed_[j];
     at_->point(y_.data(), x_.data());
   }
 
-  // ||u|| of level k, whose own equality rows begin at `own`: its inequality rows that are held count too.
-  double multipliers(int k, int own) const {
+  // ||u|| of level k, whose own equality rows begin at `own` and frozen columns at `frozen`: its inequality rows that
+  // are held count too.
+  double multipliers(int k, int own, std::size_t frozen) const {
     double square = 0.0;
     for (int j = own; j < equalities_; ++j) square += lambda_[j] * lambda_[j];
+    for (std::size_t f = frozen; f < frozen_; ++f) square += frozen_pull_[f] * frozen_pull_[f];
     for (std::size_t j = 0; j < pull_.size(); ++j) {
       const int row = std::abs(warm_[k][j]) - 1;
       if (row >= first_[k] && row < first_[k] + level_[k].m) square += pull_[j] * pull_[j];
@@ -376,8 +387,9 @@ class Settled {
   std::vector<double> W_, G_;  // U^-T, (C C')^-1
   std::vector<int> number_;    // which of all rows a row is
   std::vector<char> kept_, out_;
-  std::vector<int> taken_out_, side_;  // coordinates; of each how the set holds it, as in warm_
-  std::vector<double> free_, fixed_;   // 1 of coordinates that are in, 0 of others; their values, 0 of those
+  std::vector<int> taken_out_, side_;         // coordinates; of each how the set holds it, as in warm_
+  std::vector<double> free_, fixed_;          // 1 of coordinates that are in, 0 of others; their values, 0 of those
+  std::vector<double> picked_, frozen_pull_;  // scale of the row that took a column out; multipliers of frozen ones
   std::vector<double> y_, a_, x_;
   MotionBound bound_;
   const Coordinates* at_ = nullptr;
