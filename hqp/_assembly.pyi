@@ -1,10 +1,7 @@
 """Rows of the common tasks, written by one call a tick (built from cpp/rows)."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
-
-from numpy import int8
-from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
@@ -70,8 +67,8 @@ class Assembly:
         reactions: a capsule of ``_torque.Parts.reactions``, whose constraints are the first of all rows.
         """
 
-    def limits(self) -> object:
-        """A capsule of that."""
+    def core(self) -> object:
+        """A capsule of the rows themselves, for ``_session``."""
 
     def slot(self, slot: Mapping[str, Any]) -> None:
         """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value.
@@ -90,81 +87,17 @@ class Assembly:
     def load(self, load: Mapping[str, Any]) -> None:
         """A known load, its live value read at each ``run``; payloads count for centres of mass."""
 
-    def hold(self, name: str, value: Vec | None) -> None:
-        """The value, flat, that an element has without a reference."""
+    def answers(self, call: object, values: Vec, largest: float) -> None:
+        """The solve of a bound kernel, a capsule, and its x and slack, for ``Descents`` and ``Snapshots``.
 
-    def renew(self, names: Sequence[str]) -> None:
-        """The next ``step`` begins from hold values for every reference, of these elements from what they are at then.
-
-        Those that no operation tells keep theirs.
-        """
-
-    def overrun(self, name: str, q: Vec, v: Vec) -> list[float]:
-        """How far beyond its limit each row of an element comes to rest, braking at its window [rad or m], 0 for none.
-
-        v: velocity around which the window stands.  Nothing for other elements than native limits of joints.
-        """
-
-    def look(self, q: Vec, v: Vec) -> None:
-        """Take those hold values now."""
-
-    def held(self, name: str, value: Vec) -> None:
-        """Write the hold value, flat; raises KeyError for none of that size."""
-
-    def answers(
-        self,
-        solve: Callable[[], tuple[int, int, int, bool]],
-        call: object | None,
-        values: Vec,
-        active: NDArray[int8],
-        command: Sequence[int],
-        largest: float,
-    ) -> None:
-        """What ``solve`` of a bound kernel leaves: outcome (0: an optimum) and counts; x and slack; marks.
-
-        call: a capsule of the same as native modules run it, None where there is none.
-        command: which of x are one.  largest: a demand whose norm is beyond it is out of the ordinary.
+        largest: a demand whose norm is beyond it is out of the ordinary.
         """
 
     def move(self, robot: Kinematics) -> None:
-        """``step`` begins with the forward kinematics of q."""
+        """``run`` begins with the forward kinematics of q."""
 
     def written(self, rows: Sequence[tuple[int, int]], bounds: Sequence[tuple[int, int]]) -> None:
-        """Where ``write`` of a step writes: first and last row in J, and, of inequalities, in the bounds."""
-
-    def step(
-        self,
-        q: Vec,
-        v: Vec | None,
-        references: tuple[Reference, ...],
-        fresh: bool,
-        write: Callable[[], bool] | None,
-    ) -> bytearray | tuple[int, int, int, bool] | None:
-        """References, rows, laws and solver: a record of the tick, what ``solve`` returned if no optimum.
-
-        None where a reference, a row or a demand is out of the ordinary.  v: None for the x of the latest record.
-        fresh: hold values first.  write: Python's rows, whether all are there.  The record: command, x, slack, begin
-        and seconds for rows and for solve, iterations, factorisations; marks; points of stages where there are some;
-        of a ``tick`` q, v and, at velocity level, q one period later; a byte, odd where marks differ from those
-        before, above 1 with stages.
-        """
-
-    def tick(
-        self,
-        q: Vec,
-        v: Vec | None,
-        targets: dict[str, Vec | Mat],
-        fresh: bool,
-        before: Vec | None,
-        largest: float,
-        rounding: float,
-    ) -> bytearray | tuple[int, int, int, bool] | None:
-        """``step`` of arrays alone, after ``move`` and without rows in Python.
-
-        None as well for a target that is not ``plain``, and for a state whose squares sum up to ``largest`` or more, or
-        whose quaternions are off length one by ``rounding``.  before: at velocity level the x around which limits
-        stand, None for that of the record before.
-        """
+        """Where rows in Python are written: first and last row in J, and, of inequalities, in the bounds."""
 
 class EasedRows:
     """Rows of a transition, rewritten ahead of their solve (hqp/loop/transition/easing.py); keeps the arrays."""

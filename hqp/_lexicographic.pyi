@@ -26,6 +26,9 @@ class Workspace:
     def take(self, hierarchy: object) -> bool: ...
     def solve(self) -> tuple[int, int, int, int]: ...
     def call(self) -> object: ...
+    def core(self) -> object:
+        """A capsule of the solver itself, for ``_session``."""
+
     def price(self, hierarchy: object) -> bool:
         """As ``take``, with the prices."""
 

@@ -1,13 +1,14 @@
 """Sessions from a file, and the checks of states and commands of every session (built from cpp/session)."""
 
 import builtins
-from collections.abc import Callable, Sequence
-from typing import overload
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, overload
 
 from numpy import int32
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.reference import Reference
 
 class PlanError(Exception):
     """The file is no plan of this version."""
@@ -54,6 +55,75 @@ class Session:
 
     def reset(self) -> None:
         """As just made."""
+
+class Live:
+    """A session over the arrays of a program: the tree of ``hqp.loop.document.live_tree``, with its callbacks.
+
+    good: whether an answer was usable so far.  held: for how many ticks the command has been coming to rest.
+    """
+
+    good: bool
+    held: int
+    deadline: float
+    margin: float
+
+    def __init__(self, tree: Mapping[str, Any]) -> None: ...
+    def tell(self, references: tuple[Reference, ...]) -> int:
+        """Give the next step references: -1, or the place of the first one that does not fit, of which none is kept."""
+
+    def aim(self, targets: dict[str, Any]) -> bool:
+        """Give it targets by name that are taken unchanged; False for one that is not."""
+
+    def ask(self) -> None:
+        """All rows of the next step are filled in Python."""
+
+    def phase(self, name: str) -> None:
+        """The phase of the steps from now on, "" for none."""
+
+    def step(
+        self, q: Vec, v: Vec, time: float | None, now: float, angles: Vec | None, fault: str | None
+    ) -> bytearray | tuple[bytearray, int, int, list[tuple[str, int, str]], int]:
+        """One tick: its record (``hqp.loop.record``); with status, ticks held, notes and how many of these are not on
+        limits of joints where it is not simply optimal.
+
+        time, now: of the state, None where it does not tell, and of the tick [s].  angles: of q where native kinematics
+        do not know all joints.  fault: why the state is not valid, None where that is to be found.
+        """
+
+    def limit(self, limiter: RateLimiter, last: Vec, x: Vec) -> list[tuple[str, int, str]]:
+        """x, or the point towards it that the limiter allows."""
+
+    def measure(self, name: str, load: float) -> bool:
+        """Take a load [N]; whether the name is that of a contact."""
+
+    def follow(self, other: Live) -> None:
+        """Go on with what another session sent last."""
+
+    def keep_hold(self, name: str, value: Vec) -> None:
+        """Hold an element at this value, flat, until it is out."""
+
+    def holds(self) -> dict[str, list[float]]:
+        """Hold values, flat, by name."""
+
+    def aside(self) -> None:
+        """Answer beside another session: without rate limits, in half of the time."""
+
+    def alone(self, x: Vec) -> None:
+        """Alone again, after that x was sent."""
+
+    def rest(
+        self, last: Vec, good: bool, held: int, fit: bool, why: int
+    ) -> tuple[list[float], list[tuple[str, int, str]]]:
+        """The x towards rest after ``last``, and notes, where a blend has no usable answer.
+
+        fit: whether the latest state is one to start from.  why: the status of the tick.
+        """
+
+    def ahead(self, call: object | None) -> None:
+        """A capsule that runs ahead of the solver, and it, None for the solver alone."""
+
+    def too_large(self, q: Vec, v: Vec, angles: Vec) -> str:
+        """Which number of a valid state is too large; "" for none."""
 
 class StateBounds:
     """Magnitudes beyond which a state is a fault of its source, ``(nv,)`` each; names of the coordinates."""

@@ -45,5 +45,5 @@ class Parts:
     def reactions(self) -> object:
         """A capsule of A^-1 J^T (J A^-1 J^T)^+ of the latest elimination."""
 
-    def before(self, next: object | None, limits: object) -> object:
-        """A capsule of all that and then the solve whose capsule is given; limits: of ``_assembly.Assembly.limits``."""
+    def core(self) -> object:
+        """A capsule of these parts themselves, for ``_session``."""

@@ -213,7 +213,7 @@ class Sequence:
         for phase in self.phases:
             if phase.until is not None:
                 phase.until.require(session)
-            if phase.name not in presence.phases and (why := session.program.refuses(presence.of(None, ()))):
+            if phase.name not in presence.phases and (why := session.program.refuses(presence.known[None])):
                 raise DeclarationError(f"phase {phase.name}", why, allowed="contacts that determine the motion")
             for name, law in dict(phase.laws).items():
                 session.stack.find(name)

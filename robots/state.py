@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -50,13 +49,13 @@ class State:
     """
 
     __slots__ = (
-        "_commanded", "_done", "_gravity", "_unit", "finite", "loads", "out", "q", "robot", "square", "time", "v",
+        "_done", "_gravity", "_unit", "commanded", "finite", "loads", "out", "q", "robot", "square", "time", "v",
         "valid",
     )  # fmt: skip
 
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
-        self._commanded: Vec | Callable[[], Vec] | None = None
+        self.commanded: Vec | None = None
         self.loads: tuple[Load, ...] = ()
         self.out = NOBODY
         if type(q) is np.ndarray is type(v) and q.dtype is FLOAT is v.dtype:
@@ -83,21 +82,6 @@ class State:
         v.setflags(False)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
         self._done = 0
         self._gravity: Vec | None = None
-
-    @property
-    def commanded(self) -> Vec | None:
-        """The velocity ``(nv,)`` that a session at velocity level sent last."""
-        if callable(self._commanded):
-            self._commanded = self._commanded()
-        return self._commanded
-
-    @commanded.setter
-    def commanded(self, x: Vec | None) -> None:
-        self._commanded = x
-
-    def command_later(self, x: Callable[[], Vec]) -> None:
-        """Set ``commanded`` as a function, called on first use."""
-        self._commanded = x
 
     @property
     def fault(self) -> str:

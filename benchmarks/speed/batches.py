@@ -15,7 +15,7 @@ from benchmarks.reports import machine, report
 from hqp import Level, Stack
 from hqp.arrays import Mat
 from hqp.export.loaded import LoadedSession
-from hqp.loop.plan_file.file import text
+from hqp.loop.file import text
 from hqp.markdown import table
 
 DT = 0.002

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
@@ -260,10 +260,6 @@ class State(Protocol):
 
     @commanded.setter
     def commanded(self, x: Vec | None) -> None: ...
-
-    def command_later(self, x: Callable[[], Vec]) -> None:
-        """Set ``commanded`` as a function, called on first access."""
-        ...
 
     loads: tuple[Load, ...]
     """Loads that the robot carries besides its model, from a torque controller: ``com`` and momenta see it."""

@@ -61,7 +61,7 @@ class Batch:
     def __init__(
         self, controller: Controller, robot: Robot, count: int, dt: float = 0.002, *, threads: int = 0
     ) -> None:
-        from hqp.loop.plan_file.file import text
+        from hqp.loop.file import text
 
         self._make(text(controller.session(robot, dt)), count, threads)
 

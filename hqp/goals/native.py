@@ -12,8 +12,7 @@ from hqp.declare.element import Element, Inequality
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.loop.session import Session
-from hqp.programs.assembly import kinematics
-from hqp.programs.direct import Direct
+from hqp.programs.assembly import LARGEST, kinematics
 
 from .descent import LAST, LEAST, POLISH, PROGRESS, STEP, Descent
 
@@ -49,7 +48,6 @@ class NativeDescents:
         self._references: tuple[Reference, ...] = ()
         self._targets: frozenset[str] = frozenset()
         self._aimed = self._possible_now = False
-        self._direct: Direct | None = None
         self._possible = self._fits()
         self._merit, self._errors = np.zeros(len(members)), np.zeros(len(self._names))
 
@@ -57,10 +55,16 @@ class NativeDescents:
         assembly, robot = self._session.program.assembly, self._session.robot
         if assembly.written or assembly.native_rows is None or robot.tree_joints is None:
             return False
+        if not assembly.members.keys() >= set(self._names):  # loads, which have no rows
+            return False
         if not all(told(element, robot) for elements in self._members for element in elements):
             return False
-        self._direct = self._session.program.direct(self._session.workspace)
-        return self._direct is not None
+        bind = getattr(self._session.workspace, "kernel", None)
+        kernel = None if bind is None else bind(self._session.program.problem)
+        if kernel is None:
+            return False
+        assembly.native_rows.answers(kernel[3], kernel[1], LARGEST)
+        return True
 
     def aim(self, references: tuple[Reference, ...], targets: frozenset[str]) -> None:
         """References of every element that takes one, and the names of those that count."""
@@ -68,9 +72,7 @@ class NativeDescents:
 
     def leave(self) -> None:
         """The session steps by itself: nothing of a native descent must stay."""
-        if self._aimed:
-            self._session.line.leave_direct()
-            self._aimed = False
+        self._aimed = False
 
     def descend(self, q: Vec, tolerance: float, most: int, seconds: float) -> Descent | None:
         """A descent from q, see ``Search.descend``; None where something is out of the ordinary."""
@@ -90,7 +92,6 @@ class NativeDescents:
             return None
         native = self._made.get(self._targets) or self._make()
         if not self._aimed:
-            self._session.line.leave_direct()
             self._aimed = True
             self._possible_now = native.aim(self._references)
         return native if self._possible_now else None

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hqp.declare.element import Element
 from hqp.declare.law import Law
 from hqp.declare.price import affordable, as_price, is_exact
+from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
-from hqp.loop.outgoing import outgoing
+from hqp.loop.document import live_tree
+from hqp.loop.guards import rate_limiter
+from hqp.loop.outgoing import largest_change
 from hqp.loop.phase_laws import PhaseLaws
-from hqp.loop.restless import Watched
+from hqp.loop.presence import Presence
+from hqp.loop.record import Layout
+from hqp.loop.restless import units_of
+from hqp.loop.soundness import twin_of
 from hqp.loop.transition.waypoints import Waypoint, path
-from hqp.programs.direct import Direct
+from hqp.programs.assembly import kinematics
 from hqp.programs.formulation import Program
-from hqp.programs.rest import Rest
+from hqp.programs.rest import Holding
 from hqp.solvers.base import Solver, Workspace
 
 if TYPE_CHECKING:
-    from hqp._session import Outgoing
+    from hqp._assembly import Kinematics
     from hqp.loop.controller import Controller
 
 MEASURES = ("acceleration", "braking")
@@ -34,36 +40,60 @@ KEPT = 16
 
 @dataclass(slots=True, eq=False)
 class Compiled:
-    """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
+    """A stack made ready for a robot: its program, a workspace, and what a native session is made of.
 
-    dropped: what of prices the solver and of limits the robot cannot do, in words.  watched: its limits of joints.
-    outgoing: what is sent of its answers.  laws: of its elements by phase.  loop: of ordinary ticks, once it was found.
+    limit: how to limit the solver's time, None for not at all.  dropped: what of prices the solver and of limits the
+    robot cannot do, in words.  units: of limits of joints, by name.  holding: what holds the robot up at torque level.
+    guards: what comes in and goes out, see ``hqp.loop.document``.  call: the solver as native code runs it, None for
+    one in Python.
     """
 
     stack: Stack
     program: Program
     workspace: Workspace
+    robot: Robot
     limit: Callable[[float], None] | None
-    rest: Rest
     hard: frozenset[str]
     dropped: str
-    watched: Watched
-    outgoing: Outgoing
+    units: dict[str, list[str]]
     laws: PhaseLaws
-    loop: Direct | None = None
+    presence: Presence
+    holding: Holding | None
+    guards: dict[str, Any]
+    call: object
+    moving: Kinematics | None
+    layout: Layout
+    _tree: dict[str, Any] | None = None
 
-    def direct(self) -> Direct | None:
-        """The loop of ordinary ticks, made once; None where there is none now."""
-        if self.loop is None:  # at torque level there may be one later, once the rows have been filled
-            self.loop = self.program.direct(self.workspace)
-        return self.loop
+    @property
+    def native_solver(self) -> bool:
+        """Whether native code runs the solver."""
+        return self.call is not None
+
+    @property
+    def placed(self) -> bool:
+        """Whether native kinematics know all joints."""
+        return self.moving is not None
+
+    def tree(self, callbacks: object) -> dict[str, Any]:
+        """What a native session over the arrays of the program is made of; nothing is out of it."""
+        program = self.program
+        program.go_without(frozenset())
+        with twin_of(self.robot) as twin:
+            home = twin.state(twin.home)
+            if self._tree is None:
+                self._tree = live_tree(self, home)
+            program.begin_direct(home, {element.name: Reference(element.name) for element in self.stack})
+        return {**self._tree, "callbacks": callbacks}
 
 
 class Compiler:
     """Compiles stacks for one controller on one robot, and keeps the latest of them."""
 
-    def __init__(self, controller: Controller, robot: Robot, dt: float, deadline: float) -> None:
-        self._controller, self._robot, self._dt, self._deadline = controller, robot, dt, deadline
+    def __init__(self, controller: Controller, robot: Robot, dt: float, guards: Mapping[str, Any]) -> None:
+        """guards: without what a program decides, see ``hqp.loop.document.guards``."""
+        self._controller, self._robot, self._dt, self._guards = controller, robot, dt, guards
+        self._deadline: float = guards["deadline"]
         self._seen: dict[Stack, Compiled] = {}
         self._ways: dict[tuple[Stack, Stack], list[Waypoint]] = {}
 
@@ -113,13 +143,31 @@ class Compiler:
         if limit is not None and self._deadline == math.inf:
             limit(math.inf)
             limit = None
-        if bind := getattr(workspace, "kernel", None):
-            bind(program.problem)  # here, not in the first tick
+        bind = getattr(workspace, "kernel", None)
+        kernel = None if bind is None else bind(program.problem)  # here, not in the first tick
         hard = frozenset(element.name for element in whole.subject_to)
-        rest = program.rest(self._robot, self._controller.braking)
-        watched, laws = Watched(program, self._robot), PhaseLaws(program.assembly)
-        sent = outgoing(program, self._robot, self._dt)
-        return Compiled(whole, program, workspace, limit, rest, hard, dropped, watched, sent, laws)
+        deadline = self._deadline if limit is not None else math.inf
+        guards = {**self._guards, "deadline": deadline, "gradual": largest_change(program.kind, self._dt)}
+        limiter = rate_limiter(self._robot, self._controller.rates, program.kind, self._dt)
+        guards["rates"] = None if limiter is None else list(limiter.inverse)
+        moving = program.assembly.moving or kinematics(self._robot)
+        return Compiled(
+            stack=whole,
+            program=program,
+            workspace=workspace,
+            robot=self._robot,
+            limit=limit,
+            hard=hard,
+            dropped=dropped,
+            units=units_of(program, self._robot),
+            laws=PhaseLaws(program.assembly),
+            presence=Presence(whole, program),
+            holding=program.holding(self._robot),
+            guards=guards,
+            call=None if kernel is None else kernel[3],
+            moving=moving,
+            layout=Layout(program, self._robot, moves=program.kind == "velocity" and moving is not None),
+        )
 
 
 def undamped(stack: Stack) -> Stack:

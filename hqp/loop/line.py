@@ -1,56 +1,56 @@
-"""A compiled stack at work: its rows and its solver, what it was asked for, and what it answered last."""
+"""A compiled stack at work: its native session, what it was asked for, and what it answered last."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from threading import get_ident
-from typing import TYPE_CHECKING, TypeVar
+from time import monotonic, perf_counter
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import FLOAT, Index, Mat, Vec
 from hqp.declare.element import Element
 from hqp.declare.law import Law
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
-from hqp.explanation.notes import Note
+from hqp.errors import DeclarationError, ModelError
+from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.explanation.questions import Teller
+from hqp.loop.callbacks import Callbacks
 from hqp.loop.compiled import Compiled
-from hqp.loop.contact_watch import assumed
-from hqp.loop.guards import StateCheck, rate_limiter
-from hqp.loop.outgoing import GRADUAL
-from hqp.loop.presence import Presence
-from hqp.loop.references import References
-from hqp.loop.stepping import step
+from hqp.loop.document import assumed
+from hqp.loop.references import refuse
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick
 from hqp.loop.transition.changing import blended
 from hqp.loop.turn import Turn, alone
-from hqp.problem import Hierarchy
+from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import native
-from hqp.solvers.base import turn
 
 if TYPE_CHECKING:
-    from hqp._session import Budget, ContactWatch, Outgoing, RateLimiter
+    from hqp._session import Live, RateLimiter
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
     from hqp.loop.transition.blend import Transition
     from hqp.loop.transition.easing import Easing
-    from hqp.programs.direct import Direct
 
 T = TypeVar("T")
+
+_new = object.__new__
 
 
 @dataclass(slots=True, eq=False)
 class Guards:
     """What the lines of a session share.  joints: of x, those of the motors.  first: notes of the first tick.
-    count: ticks so far."""
+    count: ticks so far.  ages: whether states must tell their time."""
 
     robot: Robot
     dt: float
-    check: StateCheck
+    ages: bool
+    limiter: RateLimiter | None
     gradual: RateLimiter
     joints: Index | slice
     turn: Turn
@@ -63,62 +63,44 @@ class Guards:
     laws: Mapping[str, Law] | None = None
     """Of elements by name in the phase of a sequence, None where there is none."""
 
-    @classmethod
-    def of(
-        cls, robot: Robot, dt: float, check: StateCheck, kind: str, turn: Turn, first: tuple[Note, ...], stuck: bool
-    ) -> Guards:
-        """Those of sessions of one kind of x."""
-        joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
-        gradual = rate_limiter(robot, GRADUAL, kind, dt, "transition")
-        assert gradual is not None
-        behind = bool(joints.size and np.all(np.diff(joints) == 1))
-        part = slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints
-        return cls(robot, dt, check, gradual, part, turn, first, stuck)
-
 
 class Line:
     """One stack, compiled and at work; in a change of stack two of them side by side, within one that blends them.
 
-    x: the answer that was sent last, read-only.  good: the state of the latest usable answer, or the
-    record that has it.  held: for how many ticks
-    the command has been coming to rest.  named: the references of the latest tick, or the names of its targets.
-    latest, latest_count: its record where it was one native call, of ``direct``, and its number; earlier: the record
-    before.  outgoing: what is sent of answers.  direct_known: whether a native loop has been looked for.  ease: what
-    eases rows before the solver.  transition: the lines that are blended into this one.
+    named: the references of the latest tick, or its targets by name.  latest: its record.  transition: the lines that
+    are blended into this one.  held: for how many ticks the command has been coming to rest.
     """
 
     def __init__(
         self,
         guards: Guards,
         compiled: Compiled,
-        budget: Budget,
-        limiter: RateLimiter | None,
         holds: Mapping[str, Reference] | None = None,
+        before: Line | None = None,
     ) -> None:
-        self.guards, self.robot, self.dt, self.check = guards, guards.robot, guards.dt, guards.check
-        self.budget, self.limiter = budget, limiter
+        self.guards, self.robot, self.dt = guards, guards.robot, guards.dt
+        self.compiled, self.stack, self.program = compiled, compiled.stack, compiled.program
+        self.workspace, self.presence, self.layout = compiled.workspace, compiled.presence, compiled.layout
         self.transition: Transition | None = None
-        self.x: Vec = np.zeros(compiled.program.problem.n)
-        self.x.setflags(write=False)
-        self.good: State | tuple[Direct, bytearray] | None = None
-        self.held = 0
-        self.named: tuple[Reference, ...] | tuple[str, ...] = ()
-        self.stack, self.program, self.workspace = compiled.stack, compiled.program, compiled.workspace
-        self.limit, self.rest, self.hard = compiled.limit, compiled.rest, compiled.hard
-        self.compiled, self.references = compiled, References(holds or {})
-        self.outgoing: Outgoing = native.Outgoing(compiled.outgoing)
         self.velocity = self.program.kind == "velocity"
-        self.direct: Direct | None = None
-        self.direct_known = False
         self.latest: bytearray | None = None
-        self.earlier: bytearray | None = None
-        self.latest_count = 0
-        self.ease: Easing | None = None
-        self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
-        self.contacts: ContactWatch = native.ContactWatch([e.name for e in self.stack if assumed(e)], self.dt)
-        self.presence = Presence(compiled.stack, compiled.program)
-        self.limits = compiled.watched.watch(self.dt)
-        self.stuck = StuckWatch(compiled.stack, self.dt, self.guards.stuck)
+        self.named: tuple[Reference, ...] | dict[str, Any] = ()
+        self.held, self.good = 0, False
+        self.begun = False
+        self.callbacks = Callbacks(compiled, self.robot, self.presence, holds or {})
+        self.native: Live = native.Live(compiled.tree(self.callbacks))
+        self._attentive = self.callbacks.attentive
+        self._given = dict(holds or {})
+        self.hold(self._given)
+        if before is not None:
+            self.native.follow(before.native)
+            self.latest, self.named = before.latest, before.named
+            self.held, self.good, self.begun = before.held, before.good, False
+            self.callbacks.last_good = before.callbacks.last_good
+        self.teller = Teller(self.stack, self.program, self.workspace, self.robot, self.dt)
+        self.stuck = StuckWatch(self.stack, self.dt, self.guards.stuck)
+        self._phase: str | None = None
+        self._laws: Mapping[str, Law] | None = None
 
     @property
     def problem(self) -> Hierarchy:
@@ -126,16 +108,21 @@ class Line:
         return self.program.problem
 
     @property
-    def before(self) -> tuple[Vec, bool, int]:
-        """What this tick follows: the x that was sent last, whether an answer was usable; and its number."""
-        return self.x, self.good is not None, self.guards.count
-
-    @property
     def hold_values(self) -> dict[str, Vec | Mat]:
         """Copies of what elements without a reference are held at, by name; empty before the first step."""
-        self.take_renewed()
-        held = self.references.holds
-        return {name: np.array(reference.value) for name, reference in held.items() if reference.value is not None}
+        return {n: np.array(r.value) for n, r in self.holds.items() if r.value is not None}
+
+    @property
+    def holds(self) -> dict[str, Reference]:
+        """Hold values by name; empty before the first step."""
+        if not self.begun:
+            return dict(self._given)
+        targets = self.program.live_targets
+        found = {name: np.array(value).reshape(targets[name].shape) for name, value in self.native.holds().items()}
+        natively = {name: Reference(name, value) for name, value in found.items()}
+        return {
+            e.name: natively.get(e.name) or self.callbacks.holds.get(e.name) or Reference(e.name) for e in self.stack
+        }
 
     @property
     def names(self) -> list[str]:
@@ -145,17 +132,15 @@ class Line:
     @property
     def last_references(self) -> tuple[Reference, ...]:
         """Those of the latest tick."""
-        given = tuple(each for each in self.named if isinstance(each, Reference))
-        aimed = [each for each in self.named if isinstance(each, str)]
-        return given if self.direct is None else (*given, *self.direct.targets(aimed))
+        if isinstance(self.named, tuple):
+            return self.named
+        targets = self.program.live_targets
+        return tuple(Reference(name, np.array(targets[name])) for name in self.named)
 
     @property
-    def last_good(self) -> State | None:
-        """The state of the latest usable answer; it is not the robot's current one."""
-        if not isinstance(self.good, tuple):
-            return self.good
-        direct, record = self.good
-        return self.robot.past(*direct.state(record))
+    def x(self) -> Vec:
+        """The x that was sent last, read-only."""
+        return self.layout.x(self.latest) if self.latest is not None else self.layout.zero
 
     def __contains__(self, name: str) -> bool:
         return name in self.stack or (self.transition is not None and name in self.transition)
@@ -167,123 +152,182 @@ class Line:
             return next(filter(None, (line.find(name) for line in self.transition.pair)), None)
         return found
 
-    def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
-        """A tick, whatever comes in."""
-        self.named = references
-        if self.transition is None:
-            return step(self, state, references, now)
-        return blended(self, self.transition, state, references, now)
-
     def require_phase(self, phase: str) -> None:
         """Raise DeclarationError for a phase that neither this stack nor, in a change, another one names."""
         pair = () if self.transition is None else self.transition.pair
         if not any(phase in line.presence.phases for line in (self, *pair)):
             self.presence.require(phase)
 
-    def attend(self, out: frozenset[str], state: State, direct: Direct | None) -> None:
-        """These elements are out of this tick, and all others in: those that come back take fresh hold values.
-
-        direct: where the tick is to be one native call, which takes those that it can.  If it raises, the next tick
-        begins anew, from the elements that were in before.
-        """
-        before = self.presence.now
+    def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+        """A tick, whatever comes in; raises ModelError for a state of another robot."""
+        robot = self.robot
         try:
-            self._attend(out, state, direct)
-        except BaseException:
-            self.presence.now = before
-            raise
+            same = state.robot is robot
+        except AttributeError:
+            raise DeclarationError("step", "not a State", value=state, allowed="robot.state(q, v)") from None
+        if not same:
+            raise ModelError(
+                f"the state belongs to {state.robot!r}, the session runs on {robot!r}: use robot.state(q, v) of the "
+                "latter"
+            )
+        if self.transition is not None:
+            return blended(self, self.transition, state, references, now)
+        return self.answer(state, references, now)
 
-    def _attend(self, out: frozenset[str], state: State, direct: Direct | None) -> None:
-        back = self.presence.back(out)
-        self.presence.now = out
-        turn(self.workspace, self.presence.marks(out))  # the solver goes on where it ended when it was last so
-        self.contacts.judge(out)
-        others = () if direct is None else direct.others(back)
-        if direct is None or self.references.without or (others and not self.renewed(others, state)):
-            direct = None
-            self.leave_direct()
-            self.renewed(back, state)
-        if self.program.out is not out:
-            self.program.go_without(out)
-        if direct is not None:
-            direct.renew(back, others)
-        elif self.references.without:
-            self.direct, self.direct_known = None, False
-        elif self.direct is not None:
-            self.direct.hold(self.references.holds)
+    def answer(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+        """A tick of this stack alone."""
+        start, session = perf_counter(), self.native
+        self._attend()
+        if state.valid and self.robot.current is not state:
+            state.kinematics()  # which says that it is stale
+        self._tell(references, state)
+        angles = fault = None
+        if not self.compiled.placed and state.valid:
+            self.program.prepare(state)
+            angles = state.angles
+        if not state.valid:
+            fault = state.fault
+        if self.guards.ages and now is None:
+            now = monotonic()
+        told = session.step(state.q, state.v, state.time, 0.0 if now is None else now, angles, fault)
+        self.named = references
+        return self._answered(told, state, start)
 
-    def renewed(self, names: Iterable[str], state: State) -> bool:
-        """Whether all elements have a hold value, after these have taken fresh ones."""
-        for name in names if self.references.current else ():
-            self.references.renew(self.presence.member(name), state)
-        return not self.references.without
+    def tick(self, q: Vec, v: Vec | None, targets: dict[str, Any]) -> Tick | None:
+        """The same of arrays alone, without a State and without References; None for what is out of the ordinary."""
+        start = perf_counter()
+        if self.transition is not None or self.callbacks.reads or not self.compiled.placed or self.guards.ages:
+            return None
+        if type(q) is not np.ndarray or q.dtype is not FLOAT or q.shape != self.layout.q_shape:
+            return None
+        if v is None:
+            v = self.layout.rest
+        elif type(v) is not np.ndarray or v.dtype is not FLOAT or v.shape != self.layout.v_shape:
+            return None
+        if type(targets) is not dict or not self.native.aim(targets):
+            return None
+        self._attend()
+        if self._attentive:
+            self.callbacks.begin(None, (), None)
+        self.robot.leave()
+        told = self.native.step(q, v, None, 0.0, None, None)
+        self.named = targets
+        return self._answered(told, None, start)
 
-    def send(self, x: Vec, state: State | None = None) -> Vec:
-        """Take x for what is sent, read-only from now on; the x that was sent before.  state: of a usable answer."""
-        x.setflags(write=False)
-        last, self.x = self.x, x
-        if state is not None:
-            self.good, self.held = state, 0
-        return last
+    def _attend(self) -> None:
+        """The phase of this tick, and its laws."""
+        guards = self.guards
+        if guards.phase != self._phase:
+            self._phase = guards.phase
+            self.native.phase((guards.phase if guards.phase in self.presence.known else None) or "")
+        if guards.laws is not self._laws:
+            self._laws = guards.laws
+            self.compiled.laws.obey(guards.laws or {}, self.program.out if self.begun else None)
 
-    def leave_direct(self) -> None:
-        """The general path takes over."""
-        if self.direct is not None:
-            self.take_renewed()
-            self.direct.leave()
-            if self.latest is not None:
-                if self.earlier is not None:
-                    self.outgoing.solved(self.direct.x(self.earlier), self.latest_count - 1)
-                x = self.direct.x(self.latest).copy()
-                self.outgoing.solved(x, self.latest_count)
-                self.send(x)
-                self.latest = self.earlier = None
+    def _tell(self, references: tuple[Reference, ...], state: State) -> None:
+        """Give the native session what it takes of references; raises for those that fit no element."""
+        told = self.native.tell(references)
+        if told >= 0:
+            references = tuple([self._of_doubles(r) for r in references])
+            told = self.native.tell(references)
+            if told >= 0:
+                self._refuse(references[told])
+        if self._attentive and self.callbacks.begin(state, references, self.x if self.velocity and self.good else None):
+            self.native.ask()
 
-    def take_renewed(self) -> None:
-        """Hold values that native ticks took."""
-        if self.direct is not None:
-            self.references.put(self.direct.renewed())
+    @staticmethod
+    def _of_doubles(reference: Reference) -> Reference:
+        """The reference with its numbers as native code reads them, where it has some."""
+        if not isinstance(reference, Reference):
+            return reference
+        names = ("value", "velocity", "acceleration", "normal", "gravity_normal")
+        arrays = {name: np.asarray(x, FLOAT) for name in names if (x := getattr(reference, name)) is not None}
+        return Reference(**{**vars(reference), **arrays})
 
-    def find_direct(self) -> None:
-        """Ordinary ticks from now on, once hold values are known and an answer was usable."""
-        if self.references.without:
-            return
-        self.direct_known = True
-        if self.limiter is None and not self.check.ages:
-            self.direct = self.compiled.direct()
-            if self.direct is not None:
-                self.direct.hold(self.references.holds)
-                if self.ease is not None:
-                    self.direct.before_solving(self.ease)
+    def _refuse(self, reference: Reference) -> NoReturn:
+        """Raise for a reference of nobody, or of another shape."""
+        names = [e.name for e in self.stack]
+        if getattr(reference, "name", None) not in names or not isinstance(reference, Reference):
+            refuse(reference, names)
+        name, element = reference.name, self.stack.find(reference.name)
+        if reference.load is not None and not assumed(element):
+            allowed = ", ".join(e.name for e in self.stack if assumed(e)) or "a contact of the stack, which has none"
+            raise DeclarationError(
+                name, "not a contact: it takes no measured load", value=reference.load, allowed=allowed
+            )
+        if reference.on is not None and element.quantity == "load":
+            raise DeclarationError(name, "a load has no rows, so on() does not apply", allowed="at(...) with zeros")
+        target = self.program.live_targets.get(name)
+        value = reference.value
+        if value is not None and target is not None and value.shape != target.shape:
+            raise DeclarationError(name, f"value has shape {value.shape}", allowed=f"shape {target.shape}")
+        rows = element.rows(self.robot)
+        for what in ("velocity", "acceleration"):
+            given = getattr(reference, what)
+            if given is not None and given.shape != (rows,):
+                raise DeclarationError(name, f"{what} has shape {given.shape}", allowed=f"shape ({rows},)")
+        raise DeclarationError(
+            name, "its reference does not fit", value=reference, allowed=f"what {name}.at(...) takes"
+        )
 
-    def stay_general(self) -> None:
-        """No native calls from now on."""
-        self.stop_easing()
-        self.direct, self.direct_known = None, True
+    def _answered(self, told: Any, state: State | None, start: float) -> Tick:
+        """The tick of a record."""
+        record, status, held = told, Status.OPTIMAL, 0
+        notes: tuple[Note, ...] = ()
+        limits: tuple[Note, ...] = ()
+        if type(told) is tuple:
+            record, severity, held, native_notes, plain = told
+            status, notes = STATUSES[severity], of_native(native_notes)
+            if held == 0:
+                notes, limits = notes[:plain], notes[plain:]
+        self.begun = True
+        before, self.latest = self.latest, record
+        tick = _new(Tick)
+        tick.__init__(self, state, before, record, start, self.callbacks.solution, status, notes, held)  # type: ignore[misc]
+        self.held = held
+        if held == 0:
+            self.good = True
+            if self.callbacks.reads:
+                self.callbacks.last_good = state
+            if self.guards.first:
+                tick.add(self.guards.first)
+                self.guards.first = ()
+            if record[-1] > 1:
+                layout = self.layout
+                found = self.teller.held_back(
+                    self.guards.count, layout.slacks(record), layout.answer(record), self.names
+                )
+                if found is not None:
+                    tick.add(found)
+            if limits:
+                tick.add(limits)
+        elif self.guards.ages and status is Status.INVALID_STATE and state is not None and state.time is None:
+            tick.suggest("robot.state(q, v, time=...)")
+        self.program.took(state, self.named if isinstance(self.named, tuple) else ())
+        return tick
 
-    def stop_easing(self) -> None:
-        """The native loop asks for all of every task again."""
-        if self.direct is not None and self.ease is not None:
-            self.direct.before_solving(None)
-
-    def successor(self, compiled: Compiled, holds: Mapping[str, Reference]) -> Line:
-        """The line of another stack that goes on where this one is."""
-        found = Line(self.guards, compiled, self.budget, self.limiter, holds)
-        found.x, found.good, found.held, found.named = self.x, self.good, self.held, self.named
-        return found
-
-    def stand_aside(self) -> Line:
-        """This line, from now on beside the one that blends it in: on the general path, without rate limits."""
-        self.limiter, self.budget = None, native.Budget(0.5 * self.budget.deadline)
-        self.direct, self.direct_known = None, True
-        return self
+    def hold(self, holds: Mapping[str, Reference]) -> None:
+        """Hold these values, until their elements are out."""
+        for name, held in holds.items():
+            if name in self.callbacks.names:
+                self.callbacks.holds[name] = held
+            elif held.value is not None:
+                self.native.keep_hold(name, np.ascontiguousarray(held.value).reshape(-1))
 
     def take_over(self, other: Line) -> None:
-        """Go on with what a line of the same stack has made ready."""
-        self.rest, self.references, self.limits = other.rest, other.references, other.limits
-        if self.limiter is None:
-            self.direct, self.direct_known = other.direct, other.direct is not None
+        """Go on as the line of the same stack that was blended in, from what was sent last."""
+        self.native, self.callbacks = other.native, other.callbacks
+        self._phase, self._laws, self._attentive = other._phase, other._laws, other._attentive
+        self.native.alone(self.x)
+        self.begun = True
         self.transition = None  # last: an interrupt before it leaves a transition that is done
+
+    def ease(self, easing: Easing | None) -> None:
+        """Rewrite rows ahead of every solve from now on, None for no more."""
+        self.callbacks.ease = easing
+        if self.callbacks.native_solver:
+            call = None if easing is None else easing.before(self.compiled.call)
+            self.native.ahead(call)
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick."""

@@ -12,34 +12,24 @@ from hqp.declare.law import Law
 from hqp.programs.assembly import rows_law
 
 if TYPE_CHECKING:
-    from hqp.loop.line import Guards
     from hqp.programs.assembly import Assembly
 
 
 class PhaseLaws:
     """The laws of one assembly on their way to those of a phase."""
 
-    __slots__ = ("_asked", "_assembly", "_count")
+    __slots__ = ("_assembly",)
 
     def __init__(self, assembly: Assembly) -> None:
         self._assembly = assembly
-        self._asked: Mapping[str, Law] | None = None
-        self._count = -1
 
-    def obey(self, guards: Guards, out: Container[str] | None) -> None:
-        """The laws of this tick, asked for once or more in it; out: elements that were out of the one before, if any.
-
-        Those of ``guards.laws``, of all other elements the declared ones.
-        """
-        if guards.laws is not self._asked:
-            self._asked, laws = guards.laws, guards.laws or {}
-            for name, member in self._assembly.members.items():
-                if member.declared is not None and (name in laws or member.laws):
-                    law = laws.get(name, member.declared)
-                    self._assembly.take_law(name, law, at_once=out is None or name in out)
-        if guards.count != self._count:
-            self._count = guards.count
-            self._assembly.go_on()
+    def obey(self, laws: Mapping[str, Law], out: Container[str] | None) -> None:
+        """These laws from now on, of all other elements the declared ones; out: elements that were out of the tick
+        before, None before the first."""
+        for name, member in self._assembly.members.items():
+            if member.declared is not None and (name in laws or member.laws):
+                law = laws.get(name, member.declared)
+                self._assembly.take_law(name, law, at_once=out is None or name in out)
 
 
 def parts(assembly: Assembly, laws: Mapping[str, Mapping[str, Law]], phases: Sequence[str]) -> list[dict[str, Any]]:

@@ -6,7 +6,6 @@ import logging
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -14,27 +13,27 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
-from hqp.errors import DeclarationError, ModelWarning, StaleState
+from hqp.errors import DeclarationError, ModelWarning
 from hqp.explanation.notes import Note
-from hqp.loop.compiled import Compiler
-from hqp.loop.contact_watch import measure
+from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.controller import DEADLINE, Controller
-from hqp.loop.guards import StateCheck, rate_limiter
+from hqp.loop.document import guards
+from hqp.loop.guards import rate_limiter
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
+from hqp.loop.outgoing import GRADUAL
 from hqp.loop.overconstrained import overconstrained
 from hqp.loop.plausible import doubts
 from hqp.loop.soundness import rehearse, require_sound
-from hqp.loop.stepping import step_arrays
 from hqp.loop.tick import Tick, Times
 from hqp.loop.transition.changing import change
 from hqp.loop.turn import Turn, alone, require
 from hqp.problem import Hierarchy, Status
-from hqp.programs.envelope import native, require_compiled
+from hqp.programs.envelope import require_compiled
 from hqp.programs.formulation import Program
 from hqp.solvers.base import Workspace
 
@@ -78,9 +77,9 @@ class Session:
         self.controller, self.robot, self.dt = controller, robot, float(dt)
         self._seen = False
         self._turn: Turn = {}
-        check = StateCheck(robot, controller.bounds, max_age)
-        budget = native.Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
-        self._compiler = Compiler(controller, robot, self.dt, budget.deadline)
+        self.deadline = DEADLINE * self.dt if controller.deadline is None else controller.deadline
+        self._guards = guards(robot, controller.bounds, controller.braking, self.dt, self.deadline, max_age)
+        self._compiler = Compiler(controller, robot, self.dt, self._guards)
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
@@ -92,9 +91,24 @@ class Session:
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
         kind = compiled.program.kind
-        guards = Guards.of(robot, self.dt, check, kind, self._turn, first, stuck)
-        limiter = rate_limiter(robot, controller.rates, kind, self.dt)
-        self.line = Line(guards, compiled, budget, limiter)
+        joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
+        behind = bool(joints.size and np.all(np.diff(joints) == 1))
+        gradual = rate_limiter(robot, GRADUAL, kind, self.dt, "transition")
+        assert gradual is not None
+        self.line = Line(
+            Guards(
+                robot=robot,
+                dt=self.dt,
+                ages=max_age is not None,
+                limiter=rate_limiter(robot, controller.rates, kind, self.dt),
+                gradual=gradual,
+                joints=slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints,
+                turn=self._turn,
+                first=first,
+                stuck=stuck,
+            ),
+            compiled,
+        )
         """The stack at work."""
         self._status = Status.OPTIMAL
         self._recorder: Recorder | None = None
@@ -182,30 +196,18 @@ class Session:
                     line.require_phase(phase)
                 line.guards.phase = phase
             if arrays is not None:
+                q, v, targets = arrays
                 if self._recorder is None:
-                    try:
-                        tick = step_arrays(line, *arrays)
-                    except FloatingPointError:
-                        tick = None  # told below
+                    tick = line.tick(q, v, targets)
                 if tick is None:
-                    q, v, targets = arrays
                     state = self.robot.state(q, v)
                     references = tuple([self._aimed(name, value) for name, value in targets.items()])
             if tick is None:
-                remarked = False
+                tick = line.step(state, references, now)
                 for reference in references:
-                    if getattr(reference, "remarks", ()):
-                        remarked = True
-                    if getattr(reference, "load", None) is not None:
-                        measure(line.contacts, line.stack, reference.name, reference.load)  # type: ignore[arg-type]
-                try:
-                    tick = line.step(state, references, now)
-                except FloatingPointError:  # the caller asked NumPy to raise; what is not finite is told by a status
-                    with np.errstate(all="ignore"):
-                        tick = line.step(state, references, now)
-                if remarked:
-                    for reference in references:
-                        tick.add(tuple([Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]))
+                    if reference.remarks:
+                        told = [Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]
+                        tick.add(tuple(told))
             if line.guards.count >= line.stuck.due:
                 line.stuck.look(line, tick)
             if tick.status is not self._status:
@@ -226,7 +228,7 @@ class Session:
 
     def too_large(self, state: State) -> str:
         """Which number of a valid state is beyond ``controller.bounds``, in words; "" for none."""
-        return self.line.check.too_large(state)
+        return self.line.native.too_large(state.q, state.v, state.angles)
 
     def record(
         self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
@@ -281,9 +283,11 @@ class Session:
 
     def _prepared(self, stack: Stack) -> None:
         for point in self._compiler.way(self.line.compiled, stack)[1:]:
-            compiled = self._compiler.compile(point.stack)
-            with suppress(StaleState):  # no state is at hand: the native loop is made at the change
-                compiled.direct()
+            self._compiler.compile(point.stack)
+
+    def compiled_on(self, robot: Robot) -> Compiled:
+        """The stack at work, compiled anew on another robot of the kind."""
+        return Compiler(self.controller, robot, self.dt, self._guards).compile(self.stack)
 
     def export(self, path: str | Path, sequence: Sequence | None = None) -> None:
         """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
@@ -292,7 +296,7 @@ class Session:
         references are none of it: a session of the file begins as a new one does.  Raises DeclarationError for an
         element or a solver without native code, by its name (docs/plan_file.md), and what ``Sequence.run`` raises.
         """
-        from hqp.loop.plan_file.file import write
+        from hqp.loop.file import write
 
         write(self, path, sequence)
 

@@ -11,6 +11,7 @@ from hqp.arrays import FLOAT, Vec
 from hqp.errors import HqpError, NotSolved
 from hqp.explanation.notes import Note, Notes, added
 from hqp.explanation.words import Explanation
+from hqp.loop.record import staged
 from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
@@ -62,103 +63,94 @@ class Tick:
     """
 
     __slots__ = (
-        "_before", "_change", "_command", "_direct", "_line", "_notes", "_record", "_solution", "_state",
-        "_times", "_x", "count", "event", "fit", "held", "phase", "status",
-        "transition",
+        "_before", "_began", "_blended", "_change", "_command", "_layout", "_line", "_notes", "_record", "_solution",
+        "_state", "_times", "_x", "count", "event", "held", "phase", "status", "transition",
     )  # fmt: skip
 
     def __init__(
         self,
         line: Line,
         state: State | None,
-        before: Vec | bytearray,
-        record: bytearray | None,
-        times: Times | float,
+        before: Vec | bytearray | None,
+        record: bytearray,
+        began: float,
         solution: Solution | None = None,
-        x: Vec | None = None,
         status: Status = Status.OPTIMAL,
         notes: Notes = (),
         held: int = 0,
-        fit: bool = True,
     ) -> None:
-        """state: None for that of the record.  before: what was sent before, as a vector or a record of the line's
-        native loop.  record: of a tick that was one native call.  times: or when that began, on ``perf_counter``.
-        solution, x: what the solver gave and what is sent, where they are not in the record.  fit: whether the state is
-        one to start from."""
+        """state: None for that of the record.  before: the record of what was sent before, None for nothing.  began: on
+        ``perf_counter``.  solution: what a solver in Python gave."""
         self._line: Line | None = line
-        self._direct, self.count = line.direct, line.guards.count
+        self._layout, self.count = line.layout, line.guards.count
         self.phase, self.event = line.guards.phase, ""
-        self._record, self._solution = record, solution
-        self._state, self._before, self._times, self._x = state, before, times, x
-        self.status, self._notes, self.held, self.fit = status, notes, held, fit
-        self.transition = 1.0
+        self._record: bytearray | None = record
+        self._solution, self._state, self._before, self._began = solution, state, before, began
+        self.status, self._notes, self.held = status, notes, held
+        self.transition, self._blended = 1.0, False
+        self._x: Vec | None = None
+        self._times: Times | None = None
         self._command: Vec | None = None
         self._change: tuple[tuple[str, ...], Vec] | None = None
 
     def follow(self, x: Vec, before: Vec, notes: Notes, status: Status, transition: float) -> None:
         """Take the place of the tick in a transition: another answer, status and notes of both stacks."""
-        self._x, self._before, self._notes, self.transition = x, before, notes, transition
-        self._command, self._change, self.status = None, None, status
-
-    def take_place_of(self, tick: Tick, transition: float) -> None:
-        """Take the rows of another tick, whose solution this one has."""
-        self._line, self.transition = tick._line, transition
+        assert self._record is not None
+        self._record = bytearray(self._record)
+        self._layout.send(self._record, x)
+        self._blended = True
+        self._before, self._notes, self.transition = before, notes, transition
+        self._x, self._command, self._change, self.status = None, None, None, status
 
     @property
-    def native(self) -> bool:
-        """Whether the tick was one native call."""
-        return self._record is not None
+    def record(self) -> bytearray:
+        """The record of the tick."""
+        assert self._record is not None
+        return self._record
 
     @property
     def x(self) -> Vec:
         """The answer that the command is part of, read-only."""
-        return self._of(self._record) if self._x is None else self._x
+        if self._x is None:
+            self._x = self._layout.x(self.record)
+        return self._x
 
     @property
     def command(self) -> Vec:
         """The command ``(n_actuated,)``, in robot.joint_names order, the caller's own copy."""
         if self._command is None:
-            if self._x is None:
-                assert self._record is not None
-                assert self._direct is not None
-                self._command = np.frombuffer(self._record, FLOAT, self._direct.width)
-            else:
-                self._command = self._live().program.command(self._x)
+            self._command = np.frombuffer(self.record, FLOAT, self._layout.width).copy()
         return self._command
 
     @property
     def before(self) -> Vec:
         """The x that was sent before, read-only."""
-        if not isinstance(self._before, np.ndarray):
-            self._before = self._of(self._before)
-        return self._before
-
-    def _of(self, record: bytearray | None) -> Vec:
-        assert self._direct is not None
-        assert record is not None
-        return self._direct.x(record)
+        before = self._before
+        if not isinstance(before, np.ndarray):
+            self._before = before = self._layout.zero if before is None else self._layout.x(before)
+        return before
 
     @property
     def solution(self) -> Solution | None:
         """What the solver gave, None where it was not asked (invalid state)."""
-        if self._solution is None and self._record is not None and self._direct is not None:
-            self._solution = self._direct.solution(self._record)
+        if self._solution is None and self._record is not None:
+            self._solution = self._layout.solution(self._record)
         return self._solution
 
     @property
     def times(self) -> Times:
-        """Where the time went, in a native call but for what it took to make this object."""
-        if not isinstance(self._times, Times):
-            assert self._direct is not None
-            assert self._record is not None
-            begin, rows, solve = self._direct.seconds(self._record)
-            self._times = Times(begin - self._times, rows, solve, 0.0)
+        """Where the time went, but for what it took to make this object."""
+        if self._times is None:
+            begin, rows, solve = self._layout.seconds(self.record)
+            self._times = Times(begin - self._began, rows, solve, 0.0)
         return self._times
 
     def solved(self) -> tuple[Vec, Vec, bool] | None:
         """Slacks of all rows, the solver's answer, and whether it is that of stages; None without a solution."""
-        if (record := self._record) is not None and (direct := self._direct) is not None:
-            return direct.slacks(record), direct.x(record), direct.staged(record)
+        if (record := self._record) is not None:
+            if not record[-1]:
+                return None
+            return self._layout.slacks(record), self._layout.answer(record), staged(record)
         if (solution := self._solution) is None:
             return None
         return np.concatenate([*solution.residuals, NO_ROWS]), solution.x, solution.stage_points is not None
@@ -184,15 +176,18 @@ class Tick:
         """More notes."""
         self._notes = added(self._notes, notes)
 
+    def suggest(self, what: str) -> None:
+        """What to do, at the end of the first note."""
+        first, *others = self.notes
+        self._notes = (Note(first.element, first.status, f"{first.detail}: {what}"), *others)
+
     @property
     def state(self) -> State:
         """The state of the tick; of a tick that was pickled its plain numbers."""
         if self._state is None:
             robot = self._live().robot
-            assert self._direct is not None
-            assert self._record is not None
             latest = self.count == self._live().guards.count and robot.current is None
-            self._state = (robot.state if latest else robot.past)(*self._direct.state(self._record))
+            self._state = (robot.state if latest else robot.past)(*self._layout.state(self.record))
         return self._state
 
     @property
@@ -241,16 +236,17 @@ class Tick:
 
         Raises HqpError where there is nothing to start from: the state of the tick is not valid, or too large.
         """
-        if self._state is None and self._direct is not None and self._record is not None:
-            moved = self._direct.moved(self._record)
-            if moved is not None:
-                return moved
+        line = self._live()
+        refused = self.status is Status.INVALID_STATE
+        if not refused and not self._blended and (moved := self._layout.moved(self.record)) is not None:
+            return moved
         state = self.state
         if not state.valid:
             raise HqpError(f"cannot advance from an invalid state: {state.fault}")
-        line = self._live()
-        if not self.fit and (fault := line.check.too_large(state)):
+        if refused and (fault := line.native.too_large(state.q, state.v, state.angles)):
             raise HqpError(f"cannot advance from an invalid state: {fault}")
+        if self.count == line.guards.count:
+            line.program.took(state, ())
         return line.program.advance(state, self.x)
 
     def unwrap(self) -> Vec:
@@ -267,12 +263,10 @@ class Tick:
         return self._line
 
     def __getstate__(self) -> dict[str, Any]:
-        plain = {"_line": None, "_direct": None, "_record": None, "_before": None}
+        plain = {"_line": None, "_layout": None, "_record": None, "_before": None, "_began": 0.0, "_blended": False}
         made = {"_x": self.x.copy(), "_command": self.command, "_notes": self.notes, "_times": self.times}
         made |= {"_solution": self.solution, "_change": self._compared, "_state": self.state}
-        kept = {
-            name: getattr(self, name) for name in ("count", "event", "fit", "held", "phase", "status", "transition")
-        }
+        kept = {name: getattr(self, name) for name in ("count", "event", "held", "phase", "status", "transition")}
         return {**plain, **made, **kept}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,16 @@ END = "End"
 def read_bvh(path: str | Path) -> Motion:
     """Joint positions of a BVH file in its own axes and unit; ends of chains are joints, ``HeadEnd``.
 
-    Raises HqpError without bvhio, DeclarationError for an invalid motion, errors of bvhio for a damaged file.
+    Raises HqpError without bvhio, DeclarationError for an invalid file.
     """
     try:
         import bvhio  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise HqpError("BVH files need bvhio: pip install 'hqp[motion]'") from error
-    told = _parsed(bvhio, Path(path))
+    try:
+        told = bvhio.readAsBvh(str(path))
+    except (OSError, SyntaxError, ValueError, IndexError, UnboundLocalError) as error:
+        raise DeclarationError("motion", f"no BVH file: {error}", value=str(path)) from error
     names: list[str] = []
     parents: list[int] = []
     places: list[Any] = []
@@ -58,14 +60,6 @@ def read_bvh(path: str | Path) -> Motion:
         raise DeclarationError("motion", f"{told.FrameCount} frames", value=str(path), allowed="at least 2")
     walk(told.Root, -1, np.zeros((told.FrameCount, 3)), Rotation.identity(told.FrameCount))
     return Motion(tuple(names), np.stack(places, axis=1), _rate(told.FrameTime), tuple(parents))
-
-
-def _parsed(bvhio: Any, path: Path) -> Any:
-    """Parse a file whose end is marked: bvhio would wait for lines behind the last one for ever."""
-    with TemporaryDirectory() as folder:
-        marked = Path(folder) / "marked.bvh"
-        marked.write_bytes(path.read_bytes() + b"\nend-of-file\n")  # fits nowhere: bvhio refuses it
-        return bvhio.readAsBvh(str(marked))
 
 
 def _rate(period: float) -> float:

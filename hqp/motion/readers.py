@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from hqp.errors import DeclarationError, HqpError
+import numpy as np
 
-from .archive import read_arrays
+from hqp.errors import DeclarationError
+
 from .bvh import read_bvh
 from .clip import Motion
 from .joints import middle, parts_of
-from .smplx import PARAMETERS, from_parameters, has_parameters
+from .smplx import from_parameters, has_parameters
 
 USUAL = {".bvh": "y", ".npz": "z"}
 """Up axis of a file type, unless the person in the file shows another."""
-
-NAMES = ("positions", "names", "fps", "parents", *PARAMETERS)
-"""Arrays that are read from an npz file."""
 
 
 def read_motion(
@@ -38,19 +37,17 @@ def read_motion(
     kind = path.suffix.lower()
     if kind not in USUAL:
         raise DeclarationError("motion", "unknown file type", value=str(path), allowed=", ".join(USUAL))
-    try:
-        motion = read_bvh(path) if kind == ".bvh" else _read_npz(path, body_model)
-        parts = parts_of(motion.names, human)
-        return motion.upright(up, USUAL[kind], middle(motion, parts, "hip"), middle(motion, parts, "ankle"))
-    except HqpError:
-        raise
-    except Exception as error:  # bvhio, zipfile, zlib and NumPy raise various errors for a damaged file
-        told = f"no {kind[1:]} file: {type(error).__name__}: {error}"
-        raise DeclarationError("motion", told[:500], value=str(path)) from error
+    motion = read_bvh(path) if kind == ".bvh" else _read_npz(path, body_model)
+    parts = parts_of(motion.names, human)
+    return motion.upright(up, USUAL[kind], middle(motion, parts, "hip"), middle(motion, parts, "ankle"))
 
 
 def _read_npz(path: Path, body_model: str | Path | None) -> Motion:
-    told = read_arrays(path, NAMES)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            told: dict[str, Any] = {key: file[key] for key in file.files if file[key].dtype != object}
+    except (OSError, EOFError, ValueError) as error:
+        raise DeclarationError("motion", f"no npz file: {error}", value=str(path)) from error
     if has_parameters(told):
         return from_parameters(told, body_model)
     missing = [key for key in ("positions", "names", "fps") if key not in told]

@@ -14,7 +14,6 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
 
-from .archive import read_arrays
 from .clip import Motion
 
 NAMES = (
@@ -25,12 +24,6 @@ NAMES = (
 """The first joints of every model of the family."""
 
 RATES = ("mocap_frame_rate", "mocap_framerate", "fps")
-
-PARAMETERS = ("trans", "poses", "root_orient", "pose_body", "betas", *(rate for rate in RATES if rate != "fps"))
-"""Arrays of a motion besides fps."""
-
-MODEL = ("J_regressor", "v_template", "shapedirs", "kintree_table")
-"""Arrays of a body model."""
 
 
 def has_parameters(told: Mapping[str, Any]) -> bool:
@@ -64,10 +57,12 @@ def from_parameters(told: Mapping[str, Any], model: str | Path | None) -> Motion
 def _skeleton(path: Path, betas: Vec) -> tuple[Mat, tuple[int, ...]]:
     """Joints of the person at rest ``(22, 3)`` and their parents."""
     try:
-        regressor, mean, directions, tree = map(read_arrays(path, MODEL).__getitem__, MODEL)
-    except Exception as error:  # zipfile, zlib and NumPy raise various errors for a damaged file
-        told, allowed = f"no body model: {type(error).__name__}: {error}", f"an .npz with {', '.join(MODEL)}"
-        raise DeclarationError("motion", told[:500], value=str(path), allowed=allowed) from error
+        with np.load(path, allow_pickle=False) as model:
+            regressor, mean = np.asarray(model["J_regressor"]), np.asarray(model["v_template"])
+            directions, tree = np.asarray(model["shapedirs"]), np.asarray(model["kintree_table"])
+    except (OSError, EOFError, ValueError, KeyError) as error:
+        allowed = "an .npz with J_regressor, v_template, shapedirs, kintree_table"
+        raise DeclarationError("motion", f"no body model: {error}", value=str(path), allowed=allowed) from error
     used = min(betas.size, directions.shape[2])
     rests = regressor @ (mean + directions[:, :, :used] @ betas[:used])
     parents = tuple(-1 if i == 0 else int(tree[0, i]) for i in range(len(NAMES)))

@@ -240,13 +240,9 @@ class Assembly:
         self.native_rows.aim(start, stop, member.laws[law], at_once)
 
     def go_on(self) -> None:
-        """Laws that go over do so by one period."""
+        """Move laws that go over by one period."""
         if self.native_rows is not None:
             self.native_rows.go_on()
-
-    def overrun(self, name: str, q: Vec, v: Vec) -> list[float]:
-        """Distance beyond its limit at which each row of native joint limits comes to rest [rad or m], 0 for none."""
-        return [] if self.native_rows is None else self.native_rows.overrun(name, q, v)
 
     def require_law(self, name: str, law: Law) -> None:
         """Raise DeclarationError for an element that has no law, or none that may become this one."""
@@ -312,18 +308,13 @@ class Assembly:
                 bounds, along = np.array(element.bounds_around(state, left, self._dt, 2)), self._along(member, braking)
                 self.bounds[:, member.part] = element.weight * (bounds - along)
 
-    @property
-    def limits(self) -> object:
-        """``limit`` for native code, None where rows are not native."""
-        return None if self.native_rows is None else self.native_rows.limits()
-
-    def write(self, state: State, references: Mapping[str, Reference]) -> None:
-        """Write the rows of elements without a native operation."""
+    def write(self, state: State, references: Mapping[str, Reference], names: Sequence[str] | None = None) -> None:
+        """Write the rows of elements without a native operation, of all or of those by name."""
         if self.errors:
             self.errors.clear()
         for member in self.written:
             element, J = member.element, member.views.J
-            if element.name in self._out:
+            if element.name in self._out or (names is not None and element.name not in names):
                 continue
             try:
                 member.write(state, references[element.name])  # type: ignore[misc]
@@ -410,6 +401,13 @@ class Assembly:
             i = int(np.argmin(fine))
             return f"its bounds are NaN or lower > upper in row {i} ({lower[i]:g}, {upper[i]:g})"
         return ""
+
+    def sound(self, name: str) -> bool:
+        """Whether the rows of an element are numbers before their law, with no bounds crossed."""
+        views = self.members[name].views
+        with np.errstate(invalid="ignore"):
+            numbers = [views.error, views.drift, np.zeros(0) if views.J is None else views.J.ravel()]
+            return all(np.isfinite(part).all() for part in numbers) and bool((views.upper >= views.lower).all())
 
     def picks(self, part: slice) -> Index:
         """The coordinates that selection rows pick, ``(m,)``."""

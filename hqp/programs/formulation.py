@@ -15,15 +15,13 @@ from hqp.declare.law import PD, Law, P, SelfMotion
 from hqp.declare.price import Price, is_exact, level_prices
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
-from hqp.declare.safety import Braking
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.programs.assembly import Assembly
-from hqp.programs.direct import Direct, direct
 from hqp.programs.layout import lay_out
 from hqp.programs.loads import Loads, loads_of
-from hqp.programs.rest import Rest, brake, slow_down
+from hqp.programs.rest import Holding
 
 
 @dataclass(frozen=True)
@@ -108,9 +106,22 @@ class Program(ABC):
         """Exceptions of elements in the latest fill."""
         return self.assembly.errors
 
-    def direct(self, workspace: object) -> Direct | None:
-        """The loop that takes ordinary ticks in one native call; None if there is none."""
-        return None
+    @property
+    def live_targets(self) -> dict[str, Mat]:
+        """Where native code has the targets of elements that it reads itself, by name."""
+        members = self.assembly.members.items()
+        return {name: m.target for name, m in members if m.target is not None and m.target.shape}
+
+    @property
+    def force_targets(self) -> dict[str, int]:
+        """How many numbers a target of forces or of efforts has, by name: those that ``aim_forces`` takes."""
+        return {}
+
+    def aim_forces(self, references: Mapping[str, Reference]) -> None:  # noqa: B027
+        """Targets of forces and of efforts for the next native tick, those of all."""
+
+    def took(self, state: State | None, references: Sequence[Reference]) -> None:  # noqa: B027
+        """A native tick has filled the rows, for a state and with these references."""
 
     def in_python(self) -> tuple[str, str] | None:
         """First element that needs Python, with the reason; None where all of a tick is native."""
@@ -123,9 +134,9 @@ class Program(ABC):
         """Data of a tick before the solver, for a file (docs/plan_file.md)."""
         return {"kind": self.kind, **self.assembly.parts}
 
-    @abstractmethod
-    def rest(self, robot: Robot, braking: Braking) -> Rest:
-        """Commands while no solution is usable."""
+    def holding(self, robot: Robot) -> Holding | None:
+        """Holding torque and inverse inertia of each motor at torque level, None at other levels."""
+        return None
 
     @abstractmethod
     def command(self, x: Vec) -> Vec:
@@ -313,22 +324,26 @@ class MotionProgram(Program):
         """Why they are not."""
         return self.assembly.reason(name) or "its numbers are not finite"
 
-    def direct(self, workspace: object) -> Direct | None:
-        """The loop that takes ordinary ticks in one native call; None where rows or solver are not native."""
-        rows, moving = self.assembly, self.assembly.moving
-        if self._loads or rows.native_rows is None:
-            return None
-        prepare = self.prepare if moving is None else self._slow if self._slowed is not None else None
-        return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
+    def in_python(self) -> tuple[str, str] | None:
+        """The first element that leaves something to Python, and what."""
+        if self._loads.readable:
+            return self._loads.readable[0], "it has no native code"
+        return super().in_python()
+
+    @property
+    def live_targets(self) -> dict[str, Mat]:
+        """Where native code has the targets of elements that it reads itself, by name."""
+        return {**super().live_targets, **self._loads.live}
+
+    def took(self, state: State | None, references: Sequence[Reference]) -> None:
+        """A native tick has filled the rows, for a state and with these references."""
+        if self._loads.elements:
+            self._loads.took(state, references)
 
     def parts(self) -> dict[str, Any]:
         """Data of a tick before the solver, for a file (docs/plan_file.md)."""
         slowing = None if self._slowed is None else {"scale": self._slowing, "f": self._slowed}
         return {**super().parts(), "slowing": slowing, "loads": self._loads.parts}
-
-    def rest(self, robot: Robot, braking: Braking) -> Rest:
-        """A deceleration that keeps contacts, at either level."""
-        return (slow_down if self._order == 1 else brake)(robot, braking, self.dt)
 
     def command(self, x: Vec) -> Vec:
         """The actuated joints' part of x, ``(n_actuated,)`` (eq. 16, the first factor)."""

@@ -55,6 +55,19 @@ class Loads:
                 self._readable.append(element)
 
     @property
+    def live(self) -> dict[str, Mat]:
+        """Where native code reads the values of loads with a plan, by name."""
+        return dict(self._live)
+
+    def took(self, state: State | None, references: Sequence[Reference]) -> None:
+        """A native tick had the loads that it read."""
+        for element in self.elements:
+            if element.name in self._live:
+                self._set(element, self._live[element.name].copy())
+        if state is not None:
+            state.loads = self._carried
+
+    @property
     def readable(self) -> list[str]:
         """Names of loads without a plan."""
         return [element.name for element in self._readable]

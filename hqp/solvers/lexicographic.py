@@ -204,14 +204,7 @@ class NativeWorkspace:
 
     def parts(self, problem: Hierarchy) -> dict[str, Any]:
         """Data of a problem's kernel for a file (docs/plan_file.md)."""
-        return {
-            "n": problem.n,
-            "levels": [row_parts(rows) for rows in problem.levels],
-            "constraints": problem.constraints,
-            "metric": problem.metric,
-            "origin": problem.origin,
-            **self._solver.options,
-        }
+        return {**levels(problem), **self._solver.options}
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""
@@ -266,6 +259,17 @@ class NativeWorkspace:
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
         return self._judged(problem, bound, solution)
+
+
+def levels(problem: Hierarchy) -> dict[str, Any]:
+    """The arrays of a hierarchy by name."""
+    return {
+        "n": problem.n,
+        "levels": [row_parts(rows) for rows in problem.levels],
+        "constraints": problem.constraints,
+        "metric": problem.metric,
+        "origin": problem.origin,
+    }
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:

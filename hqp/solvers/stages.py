@@ -112,18 +112,7 @@ class StagedWorkspace:
         exact = self._exact.parts(self._plain)
         if not self._has_prices:
             return exact
-        motion = problem.motion
-        stages = {
-            "priced": problem.priced,
-            **stage_tolerances(),
-            "prices": problem.prices,
-            "turning": problem.turning,
-            "eta": problem.eta,
-            "F": None if motion is None else motion.F,
-            "f": None if motion is None else motion.f,
-            "F_rows": 0 if motion is None or motion.F.ndim == 1 else motion.F.shape[0],
-        }
-        return {**exact, "stages": stages}
+        return {**exact, "stages": {"priced": problem.priced, **stage_tolerances(), **law_parts(problem)}}
 
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer: rows above each level, then its own.
@@ -185,6 +174,19 @@ def stage_tolerances() -> dict[str, float]:
         "rounded": ROUNDED,
         "activity": ACTIVITY_TOLERANCE,
         "violation": VIOLATION_TOLERANCE,
+    }
+
+
+def law_parts(problem: Hierarchy) -> dict[str, Any]:
+    """The prices of a hierarchy by name, for a file."""
+    motion = problem.motion
+    return {
+        "prices": problem.prices,
+        "turning": problem.turning,
+        "eta": problem.eta,
+        "F": None if motion is None else motion.F,
+        "f": None if motion is None else motion.f,
+        "F_rows": 0 if motion is None or motion.F.ndim == 1 else motion.F.shape[0],
     }
 
 

@@ -96,6 +96,18 @@ class Efforts:
         """An element whose bounds change."""
         return next(e.element.name for e in self._written if e.constant is None and not e.element.equality)
 
+    @property
+    def sizes(self) -> dict[str, int]:
+        """How many numbers the target of each equality has, by name."""
+        return {e.element.name: int(e.lower.size) for e in self._written if e.element.equality}
+
+    def aim(self, references: Mapping[str, Reference]) -> None:
+        """Take the targets of equalities."""
+        for effort in self._written:
+            if effort.element.equality and effort.element.name not in self.out:
+                value = references[effort.element.name].value
+                effort.lower[:] = effort.upper[:] = 0.0 if value is None else effort.element.weight * value
+
     def fill(self, state: State, references: Mapping[str, Reference]) -> None:
         """Refill the bounds; a target is the reference's value, zero without one."""
         for effort in self._written:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,16 +14,14 @@ from hqp.declare.law import PD, Law
 from hqp.declare.price import LevelPrices, Price, is_exact, level_prices
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
-from hqp.declare.safety import Braking
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.programs.assembly import Assembly
-from hqp.programs.direct import Direct, direct
 from hqp.programs.formulation import Formulation, Place, Program
 from hqp.programs.layout import Group, lay_out
 from hqp.programs.loads import Loads, loads_of
-from hqp.programs.rest import Rest, hold
+from hqp.programs.rest import Holding
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity, holding_torque
@@ -341,18 +338,17 @@ class TorqueProgram(Program):
         """Why an element's rows are not usable."""
         return self.assembly.reason(name) or "its target is not finite"
 
-    def direct(self, workspace: object) -> Direct | None:
-        """The loop that takes ordinary ticks in one native call; None where a part of a tick is not native."""
-        state, rows, limits = self._state, self.assembly, self.assembly.limits
-        more = self.loads or self._self_motions or self._origin is not None or not self._efforts.fixed
-        if more or state is None or limits is None:
-            return None
-        chain = partial(self.dynamics.native.before, limits=limits)
-        moving = rows.moving
-        prepare = self.prepare if moving is None else self._begin
-        return direct(
-            rows, self.problem, workspace, range(self.dynamics.n), self, chain, prepare=prepare, moving=moving
-        )
+    @property
+    def live_targets(self) -> dict[str, Mat]:
+        """Where native code has the targets of elements that it reads itself, by name."""
+        return {**super().live_targets, **self.loads.live}
+
+    def took(self, state: State | None, references: Sequence[Reference]) -> None:
+        """A native tick has filled the rows, for a state and with these references."""
+        self._state = state
+        self.dynamics.forget()
+        if self.loads.elements:
+            self.loads.took(state, references)
 
     def parts(self) -> dict[str, Any]:
         """Data of a tick before the solver, for a file (docs/plan_file.md)."""
@@ -378,17 +374,18 @@ class TorqueProgram(Program):
 
     @property
     def force_targets(self) -> dict[str, int]:
-        """Size of each force target, by name: ``aim_forces`` takes these between native ticks."""
-        return self._forces.sizes
+        """How many numbers a target of forces or of efforts has, by name: those that ``aim_forces`` takes."""
+        return {**self._forces.sizes, **self._efforts.sizes}
 
     def aim_forces(self, references: Mapping[str, Reference]) -> None:
-        """Targets of forces for the next native tick, those of all."""
-        self._forces.target(references)
+        """Targets of forces and of efforts for the next native tick, those of all."""
+        if self._forces:
+            self._forces.target(references)
+        self._efforts.aim(references)
 
-    def rest(self, robot: Robot, braking: Braking) -> Rest:
-        """Holding torque with damping."""
-        held = Held(self.held, robot, self.dt, self._laws, self.loads, self.dynamics.out)
-        return hold(robot, braking, self.dt, held)
+    def holding(self, robot: Robot) -> Holding:
+        """The torque that holds the robot up, and the inverse inertia that each motor feels."""
+        return Held(self.held, robot, self.dt, self._laws, self.loads, self.dynamics.out)
 
     def remarks(self, state: State) -> tuple[str, ...]:
         """Motor torques that hold each load, in words."""

@@ -14,10 +14,8 @@ import numpy as np
 import hqp
 import hqp.robots
 from hqp.errors import DeclarationError, HqpError, ModelError
-from hqp.motion import read_motion
 from hqp.tasks import FixedContact, JointLimits, Position, Posture, TorqueLimits
 from tests.damage import recordings, text
-from tests.motion import people
 
 Kind = tuple[list[bytes], Callable[[bytes, random.Random], bytes], Callable[[Path], bool], str]
 
@@ -30,27 +28,7 @@ def of(name: str) -> Kind:
         return [ARM.encode(), text_of("ur5")], text.damaged, _model, ".urdf"
     if name == "mjcf":
         return [HAND.encode(), WALKER.encode()], text.damaged, _model, ".xml"
-    if name in ("bvh", "npz"):
-        return [motion(name)], recordings.damaged if name == "npz" else text.damaged_lines, _motion, f".{name}"
     raise KeyError(name)
-
-
-def motion(kind: str) -> bytes:
-    """The file of a short walk."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"walk.{kind}"
-        return (people.write_bvh if kind == "bvh" else people.write_npz)(path, people.walk(0.2)).read_bytes()
-
-
-def _motion(path: Path) -> bool:
-    """What loads has finite positions of every joint; otherwise DeclarationError."""
-    try:
-        found = read_motion(path)
-    except DeclarationError:
-        return True
-    assert np.isfinite(found.positions).all()
-    assert found.positions.shape == (len(found), len(found.names), 3)
-    return False
 
 
 ARM = """<robot name="arm">

@@ -24,12 +24,10 @@ FILES, SEED = 2000, 28
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["recordings", "urdf", "mjcf", "bvh", "npz"])
+@pytest.mark.parametrize("kind", ["recordings", "urdf", "mjcf"])
 def test_damaged_files_end_in_our_errors(kind: str, tmp_path: Path) -> None:
     if kind == "mjcf":
         pytest.importorskip("mujoco")
-    if kind == "bvh":
-        pytest.importorskip("bvhio")
     pytest.importorskip("resource")  # Windows has none
     command = [sys.executable, "-m", "tests.damage", kind, str(FILES), str(SEED)]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -40,7 +38,7 @@ def test_damaged_files_end_in_our_errors(kind: str, tmp_path: Path) -> None:
     assert told, f"it ended with {done.returncode}: {done.stderr[-2000:]}"
     assert not told["raised"]
     assert told["read"] == FILES
-    assert 0.3 * FILES < told["refused"] < 0.95 * FILES  # damage that matters, and damage that does not
+    assert 0.3 * FILES < told["refused"] < 0.9 * FILES  # damage that matters, and damage that does not
 
 
 def test_a_recording_does_not_ask_for_more_memory_than_it_fills(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ _NUMBER = re.compile(rb"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 
 def bytes_of(data: bytes, rng: random.Random) -> bytes:
     """One to eight bytes changed, taken away or put in, or the end cut off."""
-    found = bytearray(data or b"x")
+    found = bytearray(data)
     kind = rng.randrange(4)
     if kind == 0:
         return bytes(found[: rng.randrange(len(found))])
@@ -70,20 +70,3 @@ def element_of(data: bytes, rng: random.Random) -> bytes:
 def damaged(data: bytes, rng: random.Random) -> bytes:
     """A file damaged in one of these ways."""
     return rng.choice((bytes_of, number_of, element_of, element_of))(data, rng)
-
-
-def damaged_lines(data: bytes, rng: random.Random) -> bytes:
-    """A file of lines with one or two of these: bytes or numbers changed, lines taken away, doubled or swapped."""
-    for _ in range(rng.choice((1, 1, 1, 2))):
-        kind = rng.choice((0, 0, 0, 1, 2, 3, 3))
-        if kind < 2:
-            data = bytes_of(data, rng) if kind or not _NUMBER.search(data) else number_of(data, rng)
-            continue
-        lines = data.split(b"\n")
-        i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-        if kind == 2:
-            lines[i : i + 1] = [] if rng.random() < 0.5 else [lines[i]] * rng.choice((2, 40))
-        else:
-            lines[i], lines[j] = lines[j], lines[i]
-        data = b"\n".join(lines)
-    return data

@@ -9,7 +9,7 @@ import hqp
 from hqp import Status
 from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
-from hqp.loop.plan_file.file import text
+from hqp.loop.file import text
 from hqp.solvers.lexicographic import kernel
 from tests.scenes.stacks import FORMULATIONS, scene
 

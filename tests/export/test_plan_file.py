@@ -20,7 +20,7 @@ from hqp import Level, Stack, Status
 from hqp.__main__ import main
 from hqp.errors import DeclarationError, HqpError, UnknownReference
 from hqp.export.loaded import LoadedSession
-from hqp.loop.plan_file.file import FORMAT, fnv1a, read, text
+from hqp.loop.file import FORMAT, fnv1a, read, text
 from hqp.solvers.lexicographic import kernel
 from tests.scenes.stacks import FORMULATIONS, scene
 

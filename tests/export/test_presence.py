@@ -13,7 +13,7 @@ import hqp.tasks as t
 from hqp import PD, Level, P, Phase, Sequence, Stack
 from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
-from hqp.loop.plan_file.file import text
+from hqp.loop.file import text
 from hqp.solvers.lexicographic import kernel
 from tests.scenes.stacks import FORMULATIONS
 

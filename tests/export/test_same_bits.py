@@ -12,7 +12,7 @@ import hqp
 import hqp.tasks as t
 from hqp import Level, Stack, Status
 from hqp.export.loaded import LoadedSession
-from hqp.loop.plan_file.file import text
+from hqp.loop.file import text
 from hqp.solvers.lexicographic import Lexicographic, kernel
 from tests.scenes.stacks import FORMULATIONS, ROBOTS, Given, scene
 

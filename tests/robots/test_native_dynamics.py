@@ -157,13 +157,11 @@ def test_torque_ticks(kind: str) -> None:
     run = hqp.Controller(Stack(Level(hand), Level(Posture())), hqp.Torque(), price=0, deadline=np.inf).session(
         robot, 0.001
     )
-    rng, direct = np.random.default_rng(2), 0
+    rng = np.random.default_rng(2)
     for _ in range(6):
         q, v = robot.random_configuration(rng, 0.5), 0.1 * rng.normal(size=robot.nv)
         tick = run.step(robot.state(q, v), hand.at(np.array([0.3, 0.2, 0.5])))
-        direct += tick.native
         assert tick.status.solved
         qdd = (tick.advance()[1] - v) / run.dt
         moved = pin.aba(robot.model, robot.model.createData(), q, v, tick.command)
         np.testing.assert_allclose(qdd, moved, rtol=0.0, atol=1e-9 * float(np.abs(moved).max()))
-    assert direct == 5

@@ -190,8 +190,8 @@ def out_of_reach(deadline: float) -> tuple[Any, Any]:
     feet = [hqp.tasks.FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
     stack = hqp.Stack(hqp.Level(hand), hqp.Level(hqp.tasks.Posture()), subject_to=[*feet, hqp.tasks.JointLimits()])
     run = hqp.Controller(stack, deadline=deadline).session(robot, 0.002)
-    ticks = [run.step(robot.state(), hand.at(np.array([3.0, 0.0, 1.0]))) for _ in range(4)]
-    assert ticks[-1].native
+    for _ in range(4):
+        run.step(robot.state(), hand.at(np.array([3.0, 0.0, 1.0])))
     return run, hand
 
 
@@ -200,9 +200,9 @@ def drawn_pose(robot: hqp.robots.Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 def test_a_cut_tick_keeps_it() -> None:
-    run, hand = out_of_reach(1e3)
+    run, hand = out_of_reach(np.inf)
     assert run.workspace.native.head == 2
-    run.line.budget = type(run.line.budget)(1e-9)
+    run.workspace.limit(1e-9)  # type: ignore[attr-defined]
     rng = np.random.default_rng(0)
     for _ in range(4):
         q = drawn_pose(run.line.robot, rng)

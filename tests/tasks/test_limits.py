@@ -220,11 +220,8 @@ def test_unlimited_joints_are_free() -> None:
         assert (lower[0], upper[0]) == ((-math.inf, math.inf) if acceleration is None else (0.5, 1.5))
 
 
-@pytest.mark.parametrize("native", [True, False])
-def test_the_window_stands_around_the_last_command(native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_window_stands_around_the_last_command() -> None:
     """At velocity level a measured velocity lags or is not told at all: the command does not depend on it."""
-    if not native:
-        monkeypatch.setattr("hqp.programs.assembly.native", None)
     robot = hqp.robots.load("panda")
     hand = Position(frame="panda_hand_tcp", law=P(5.0))
     stack = Stack(Level(hand), Level(Posture(law=P(1.0))), subject_to=[JointLimits()])

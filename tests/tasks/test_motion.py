@@ -148,10 +148,5 @@ def test_low_acceleration_of_a_whole_floating_robot_in_the_native_loop() -> None
     session = hqp.Controller(hqp.Stack(hqp.Level(t.LowAcceleration()))).session(robot, 0.002)
     for _ in range(5):
         assert session.step(robot.state()).status.solved
-    native = session.program.assembly.native_rows
-    if native is not None:
-        native.hold("low_acceleration", np.zeros(robot.nv + 3))
-    posture = hqp.Controller(hqp.Stack(hqp.Level(t.Posture()))).session(robot, 0.002).program.assembly.native_rows
-    if posture is not None:
-        with pytest.raises(ValueError, match="has another size than in its plan"):
-            posture.hold("posture", np.zeros(robot.nv + 3))
+    session.line.native.keep_hold("low_acceleration", np.zeros(robot.nv + 3))
+    assert session.step(robot.state()).status.solved

@@ -247,8 +247,7 @@ def problems(robot: Robot, formulation: Any, monkeypatch: pytest.MonkeyPatch, na
     if not native:
         monkeypatch.setattr(hqp.programs.assembly, "native", None)
     rng = np.random.default_rng(3)
-    session = hqp.Controller(STACK, formulation, solver="cascade:proxqp").session(robot, 0.002)
-    program, found = session.program, []
+    program, found = formulation.compile(STACK, robot, 0.002), []
     holds = {e.name: e.hold(robot.state(robot.random_configuration(rng))) for e in STACK}
     for _ in range(20):
         q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)

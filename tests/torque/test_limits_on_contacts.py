@@ -16,7 +16,7 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.export.loaded import LoadedSession
-from hqp.loop.plan_file.file import text
+from hqp.loop.file import text
 from hqp.solvers.lexicographic import kernel
 from hqp.tasks import FixedContact, JointLimits, Posture
 from hqp.torque.program import TorqueProgram

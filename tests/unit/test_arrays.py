@@ -11,7 +11,6 @@ import pytest
 
 import hqp
 from hqp import Level, Stack, Status
-from hqp._session import Outgoing
 from hqp.errors import DeclarationError, StaleState, UnknownReference
 from hqp.robots import Robot
 from hqp.solvers.lexicographic import kernel
@@ -48,9 +47,7 @@ def both(pair: tuple[hqp.Session, hqp.Session], q: Any, v: Any, targets: dict[st
 
 
 def same(one: Any, other: Any) -> None:
-    assert (one.status, one.held, one.count, one.fit, one.native) == (
-        other.status, other.held, other.count, other.fit, other.native
-    )  # fmt: skip
+    assert (one.status, one.held, one.count) == (other.status, other.held, other.count)
     assert one.notes == other.notes
     np.testing.assert_array_equal(one.command, other.command)
     np.testing.assert_array_equal(one.x, other.x)
@@ -69,19 +66,17 @@ def circle(robot: Robot, t: float, size: float = 0.05) -> Any:
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()])
 def test_bits_are_those_of_step(formulation: Any, size: float) -> None:
     pair = arm(formulation)
-    q, v, native, expected_native = pair[0].robot.home, np.zeros(6), 0, 0
+    q, v, native = pair[0].robot.home, np.zeros(6), 0
     for k in range(60):
         targets = {"hand": circle(pair[0].robot, 0.05 * k, size)} if k % 7 else {}
         one, other = both(pair, q, v, targets)
         native += one._state is None
-        expected_native += other.native
         moved, expected = one.advance(), other.advance()
         same(one, other)
         for a, b in zip(moved, expected, strict=True):
             np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-14)
         q, v = moved
-    assert native == (expected_native if isinstance(formulation, hqp.Velocity) else 0)
-    assert expected_native > 50
+    assert native >= 58  # a look for tasks that are stuck asks for the state
 
 
 def test_a_humanoid() -> None:
@@ -99,8 +94,6 @@ def test_a_humanoid() -> None:
         q, v = one.advance()
         same(one, other)
         np.testing.assert_allclose(q, other.advance()[0], rtol=0.0, atol=1e-14)
-    assert one._direct is not None
-    assert one.native
 
 
 def test_what_is_out_of_the_ordinary_is_told_as_by_step() -> None:
@@ -182,7 +175,7 @@ def test_a_change_of_stack_knows_the_targets_of_the_latest_tick() -> None:
         q, v = one.advance()
         if one.transition == 1.0:
             break
-    for _ in range(Outgoing.LONGEST):
+    for _ in range(25):
         same(*both(pair, q, v, {}))
 
 

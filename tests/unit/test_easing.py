@@ -69,8 +69,6 @@ def test_the_row_gets_its_share_between_the_two_stacks() -> None:
         (tick,) = loop.go(1, loop.goals(0.0))
         transition: Any = loop.run.line.transition
         given, without = J @ tick.x, J @ transition.pair[0].x
-        if transition.pair[0].latest is not None:
-            without = J @ transition.pair[0].direct.x(transition.pair[0].latest)
         way = asked - without
         shares.append((float((given - without) @ way / (way @ way)), tick.transition))
     off = max(abs(share - h) for share, h in shares)
@@ -158,34 +156,3 @@ def test_free_rows_are_not_rewritten() -> None:
             each()
             assert np.all(rows.lower[place.part] == -np.inf)
             assert np.all(rows.upper[place.part] == np.inf)
-
-
-def test_torque_stacks_go_on_natively() -> None:
-    robot = hqp.robots.load("talos")
-    whole = stack(robot, "torque")
-    loop = Loop(robot, whole.without("hand"), "torque")
-    loop.run.prepare(whole)
-    loop.go(10, loop.goals(0.0))
-    loop.run.change(whole, 0.05)
-    found = loop.go(40, [])
-    assert all(tick.native and tick.transition < 1.0 for tick in found[2:24])
-    assert all(tick.native and tick.transition == 1.0 for tick in found[26:])
-
-
-@pytest.mark.parametrize(("level", "event"), [("velocity", "release"), ("acceleration", "add"), ("torque", "add")])
-def test_native_easing_is_what_python_does(level: str, event: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same rows, and commands that agree up to rounding, whether the rows are eased in native code or not."""
-    robot = hqp.robots.load("g1")
-    whole = stack(robot, level)
-    bare = whole.without("hand")
-    before, after = (bare, whole) if event == "add" else (whole, lifted(whole, robot))
-
-    def commands() -> list[Any]:
-        loop = Loop(robot, before, level)
-        loop.go(20, loop.goals(0.0))
-        loop.run.change(after, 0.1)
-        return [tick.command.copy() for tick in loop.go(40, loop.goals(0.0))]
-
-    fast = commands()
-    monkeypatch.setattr("hqp.loop.transition.easing.native", None)
-    assert np.allclose(fast, commands(), rtol=1e-6, atol=1e-7)

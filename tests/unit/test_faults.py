@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from time import thread_time
 from typing import Any
@@ -13,7 +14,6 @@ import pytest
 
 import hqp
 from hqp import PD, Hierarchy, Level, Rows, Selection, Stack, Status
-from hqp.declare.safety import RateLimits
 from hqp.robots.catalogue import _stand
 from hqp.tasks import (
     Com,
@@ -26,6 +26,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.tasks.relative import UPRIGHT, heading_axes
+from tests.scenes.altered import Altered, Answers
 
 inf = math.inf
 
@@ -57,7 +58,9 @@ def test_a_gravity_normal_shifts_force_rows_the_right_way() -> None:
     run.step(state, *(w.at(gravity_normal=slope) for w in wheels))
     gravity = state.gravity_force()
     flat = program._gravity.torque(gravity, program.assembly.J[: program._m])
-    there = program._gravity.other(state, gravity, run.line.references.current)
+    current = {e.name: e.hold(state) for e in run.stack}
+    current |= {w.name: w.at(current[w.name].value, gravity_normal=slope) for w in wheels}
+    there = program._gravity.other(state, gravity, current)
     shift = there - flat
     assert np.abs(shift).max() > 0.1
     rng = np.random.default_rng(0)
@@ -109,24 +112,16 @@ def test_only_a_usable_answer_becomes_the_safe_command() -> None:
     assert not Status.NOT_CERTIFIED.usable
     assert not Status.DYNAMICS_FAILED.usable
     assert Status.TIME_LIMIT.usable
-    robot = hqp.robots.load("ur5")
-    rates = RateLimits(velocity=1e6)
-    run = hqp.Controller(Stack(Level(Posture())), price=0, deadline=inf, rates=rates).session(robot, 0.002)
+    robot, answers = hqp.robots.load("ur5"), Answers()
+    solver = Altered(answers=answers)
+    run = hqp.Controller(Stack(Level(Posture())), solver=solver, price=0, deadline=inf).session(robot, 0.002)
     posture = run.stack.find("posture", Posture)
     good = run.step(robot.state(), posture.at(np.full(6, 0.2)))
-    solve = run.workspace.solve
-
-    class Refused:
-        def solve(self, problem: Hierarchy) -> hqp.Solution:
-            from dataclasses import replace
-
-            return replace(solve(problem), status=Status.NOT_CERTIFIED, x=np.full(6, 7.0))
-
-    run.line.workspace = Refused()  # type: ignore[assignment]
+    answers.alter = lambda _, found: replace(found, status=Status.NOT_CERTIFIED, x=np.full(6, 7.0))
     held = run.step(robot.state(), posture.at(np.full(6, 0.2)))
     assert held.held == 1
     assert np.abs(held.command).max() <= np.abs(good.command).max()
-    assert np.abs(run.line.x).max() < 7.0
+    assert np.abs(held.x).max() < 7.0
 
 
 @pytest.mark.parametrize("solver", ["lexicographic", "cascade:proxqp", "reference", "daqp"])

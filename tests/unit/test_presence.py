@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,10 @@ import hqp.tasks as t
 from hqp import Level, Stack, Status, serial
 from hqp.arrays import Vec
 from hqp.declare.robot import Robot
-from hqp.errors import DeclarationError, StaleState, UnknownReference
-from hqp.loop.references import References
+from hqp.errors import DeclarationError, UnknownReference
 from hqp.loop.session import Session
 from tests.counting import calls
+from tests.loop.readable_tick import ReadableSession
 
 STEP = 1e-6
 """By which a robot is moved by hand in a tick [rad, m]: contacts that move fast cannot be kept."""
@@ -57,10 +56,8 @@ def standing(kind: str, *without: str, when: bool = False) -> Stack:
     return stack.without(*gone) if gone else stack
 
 
-def begin(stack: Stack, kind: str, robot: Robot, *, native: bool = True, **options: Any) -> Session:
-    session = hqp.Controller(stack, FORMULATIONS[kind], deadline=np.inf, **options).session(robot, 0.002)
-    session.line.direct_known = not native
-    return session
+def begin(stack: Stack, kind: str, robot: Robot, **options: Any) -> Session:
+    return hqp.Controller(stack, FORMULATIONS[kind], deadline=np.inf, **options).session(robot, 0.002)
 
 
 def driven(session: Session, robot: Robot, ticks: int, *off: str) -> tuple[Vec, list[hqp.Tick]]:
@@ -78,26 +75,28 @@ def driven(session: Session, robot: Robot, ticks: int, *off: str) -> tuple[Vec, 
     return np.array(found), given
 
 
-@pytest.mark.parametrize("native", [True, False])
 @pytest.mark.parametrize("price", [None, 0])
 @pytest.mark.parametrize("kind", FORMULATIONS)
-def test_off_is_the_stack_without(kind: str, price: Any, native: bool, robot: Robot) -> None:
+def test_off_is_the_stack_without(kind: str, price: Any, robot: Robot) -> None:
     """A contact and tasks that are out leave the answer of a stack that never had them."""
     out = ("left", "hand")
-    found, ticks = driven(begin(standing(kind), kind, robot, native=native, price=price), robot, 12, *out)
-    bare, _ = driven(begin(standing(kind, *out), kind, robot, native=native, price=price), robot, 12)
+    found, _ = driven(begin(standing(kind), kind, robot, price=price), robot, 12, *out)
+    bare, _ = driven(begin(standing(kind, *out), kind, robot, price=price), robot, 12)
     np.testing.assert_allclose(found, bare, atol=1e-9 * np.abs(bare).max())
-    assert sum(tick.native for tick in ticks) >= (10 if native else 0)
 
 
-def test_without_native_rows_it_is_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows in Python."""
+def test_rows_in_python_say_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of elements' own functions, without native operations, in a tick of its own."""
     out = ("left", "hand")
-    native, _ = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
+    native, ticks = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
     monkeypatch.setattr("hqp.programs.assembly.native", None)
-    found, ticks = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
-    np.testing.assert_allclose(found, native, atol=1e-7 * np.abs(native).max())
-    assert not any(tick.native for tick in ticks)
+    controller = hqp.Controller(standing("torque"), FORMULATIONS["torque"], deadline=np.inf, price=0)
+    readable = ReadableSession(controller, robot, 0.002)
+    goal = robot.state(robot.home).position("r_palm") + [0.1, -0.05, 0.1]
+    for tick, x in zip(ticks, native, strict=True):
+        off = [e.off() for e in controller.stack if e.name in out]
+        found = readable.step(tick.state.q, tick.state.v, *off, HAND.at(goal))
+        np.testing.assert_allclose(found.x, x, atol=1e-7 * np.abs(native).max())
 
 
 def test_a_contact_that_is_out_bears_nothing_and_takes_what_is_asked_of_its_force_along(robot: Robot) -> None:
@@ -115,10 +114,9 @@ def test_a_contact_that_is_out_bears_nothing_and_takes_what_is_asked_of_its_forc
 
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
-@pytest.mark.parametrize("native", [True, False])
-def test_what_comes_back_takes_fresh_hold_values(kind: str, native: bool, robot: Robot) -> None:
-    """And nothing else does; nothing is compiled, and switches are native as other ticks are."""
-    session = begin(standing(kind), kind, robot, native=native)
+def test_what_comes_back_takes_fresh_hold_values(kind: str, robot: Robot) -> None:
+    """And nothing else does; nothing is compiled."""
+    session = begin(standing(kind), kind, robot)
     program, q = session.program, robot.home
     for k in range(12):
         out = 4 <= k < 8
@@ -126,7 +124,6 @@ def test_what_comes_back_takes_fresh_hold_values(kind: str, native: bool, robot:
         tick = session.step(robot.state(q), SWING.off(), *([CONTACTS["left"].off(), HAND.off()] if out else []))
         assert session.program is program
         assert tick.status is Status.OPTIMAL
-        assert tick.native == native or k < 4
         if k in (3, 7):
             before = session.hold_values
     after, here = session.hold_values, robot.state(robot.integrate(robot.home, STEP * np.ones(robot.nv), 9.0))
@@ -272,13 +269,12 @@ def test_a_switch_in_native_ticks_calls_little(kind: str, robot: Robot) -> None:
     for phase in (None, None, None, "step", "step"):
         state = robot.state(q, v)
         counts.append(called(phase))
-    assert session.line.latest is not None
     assert max(counts[3] / counts[4], counts[0] / counts[1]) <= 3.0, counts
 
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_native_ticks_take_the_hold_values_of_what_comes_back(kind: str, robot: Robot) -> None:
-    """Those of ``hold``, of every task that has one, in the tick in which it comes back; after it the general path."""
+    """Those of ``hold``, of every task that has one, in the tick in which it comes back."""
     stack = standing(kind)
     session = begin(stack, kind, robot)
     q, v = robot.home.copy(), np.zeros(robot.nv)
@@ -292,53 +288,3 @@ def test_native_ticks_take_the_hold_values_of_what_comes_back(kind: str, robot: 
             held = session.hold_values
             for name in names if k else ():
                 np.testing.assert_allclose(held[name], stack.find(name).hold(state).value, atol=1e-12, err_msg=name)
-            assert k != 4 or session.line.latest is not None
-    found = session.step(robot.state(q + STEP, v)).x
-    session.line.leave_direct()
-    session.line.stay_general()
-    np.testing.assert_allclose(session.step(robot.state(q + STEP, v)).x, found, atol=1e-7)
-
-
-@pytest.mark.parametrize("kind", FORMULATIONS)
-@pytest.mark.parametrize("native", [True, False])
-@pytest.mark.parametrize("broken", ["stale", "first hold value", "second hold value", "rows"])
-def test_a_step_that_raises_while_elements_come_back_costs_no_hold_value(
-    kind: str, native: bool, broken: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The next step takes fresh ones, as if the step that raised had not been."""
-    session = begin(standing(kind), kind, robot, native=native)
-    q, out = robot.home, (CONTACTS["left"].off(), HAND.off())
-    for k in range(8):
-        q = robot.integrate(q, STEP * np.ones(robot.nv), 1.0)
-        session.step(robot.state(q), SWING.off(), *(out if k >= 4 else ()))
-    before, taken = session.hold_values, 0
-    take, prepare = References._take_hold, type(session.program).prepare
-
-    def interrupted(self: Any, *given: Any) -> None:
-        nonlocal taken
-        taken += 1
-        if broken == ("first hold value", "second hold value")[min(taken, 2) - 1]:
-            raise KeyboardInterrupt
-        take(self, *given)
-
-    def unprepared(self: Any, state: Any) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(References, "_take_hold", interrupted)
-        if broken == "rows":
-            patch.setattr(type(session.program), "prepare", unprepared)
-        state = robot.state(q)
-        if broken == "stale":
-            robot.state(robot.home)
-        with contextlib.suppress(KeyboardInterrupt, StaleState):
-            session.step(state, SWING.off())
-    assert type(session.program).prepare is prepare
-    for _ in range(4):
-        q = robot.integrate(q, STEP * np.ones(robot.nv), 1.0)
-        assert session.step(robot.state(q), SWING.off()).status is Status.OPTIMAL
-    after = session.hold_values
-    for name in ("left", "hand"):
-        assert np.abs(after[name] - before[name]).max() > STEP
-    for name in ("right", "posture"):
-        np.testing.assert_array_equal(after[name], before[name])

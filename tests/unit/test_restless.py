@@ -11,7 +11,8 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack
-from hqp.loop.restless import Watched
+from hqp._session import LimitWatch
+from hqp.loop.restless import units_of
 from hqp.tasks import JointLimits, Position, Posture
 
 DT = 0.002
@@ -58,10 +59,9 @@ def test_a_priced_arm_does_not() -> None:
 def test_rates_are_counted_and_fade() -> None:
     robot = hqp.robots.load("ur5")
     run = hqp.Controller(Stack(Level(Posture()), subject_to=[JointLimits()])).session(robot, DT)
-    watched = Watched(run.program, robot)
-    watch = watched.watch(DT)
+    assert units_of(run.program, robot) == {"joint_limits": ["rad"] * 6}
+    watch = LimitWatch([(0, 6)], list(robot.joint_names), DT)
     rows = sum(level.m for level in run.problem.levels)
-    assert watched.parts == [(0, 6)]
     ticks = itertools.count()
 
     def look(side: int) -> Any:

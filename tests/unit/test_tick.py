@@ -47,7 +47,7 @@ def arrays(thing: Any, depth: int = 4) -> Iterator[Any]:
         for item in fields(thing):
             yield from arrays(getattr(thing, item.name), depth - 1)
     elif isinstance(thing, Tick):
-        names = {name for name in dir(thing) if not name.startswith("__")} - {"line", "_line", "_direct", "program"}
+        names = {name for name in dir(thing) if not name.startswith("__")} - {"line", "_line", "_layout", "program"}
         for name in names:
             part = getattr(thing, name)
             if not callable(part):
@@ -67,14 +67,14 @@ def spoil(tick: Tick) -> int:
 
 
 KINDS = {
-    "native": (True, False),
-    "rates": (False, False),
-    "blended": (True, True),
-    "blended, rates": (True, True),
-    "held": (False, False),
-    "held later": (False, False),
+    "plain": False,
+    "rates": False,
+    "blended": True,
+    "blended, rates": True,
+    "held": False,
+    "held later": False,
 }
-"""Kinds of ticks: whether one is a native call, and whether a change of stack is under way."""
+"""Kinds of ticks: whether a change of stack is under way."""
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -103,7 +103,7 @@ def test_what_a_tick_hands_out_is_the_callers_own(robot: Robot, formulation: Any
         for run in runs:
             step(run, lost)
     ticks = [step(run, lost if "held" in kind else q) for run in runs]
-    assert (ticks[0].native, ticks[0].transition < 1.0) == KINDS[kind]
+    assert (ticks[0].transition < 1.0) == KINDS[kind]
     assert spoil(ticks[0]) > 4
     for given in (lost, q, q, lost, lost, q, q):
         one, other = (step(run, given) for run in runs)

@@ -70,22 +70,13 @@ NB_MODULE(_assembly, module) {
       .def("slot", &Assembly::slot, "slot"_a)
       .def("dynamics", &Assembly::dynamics, "terms"_a)
       .def("load", &Assembly::load, "load"_a)
-      .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
-      .def("renew", &Assembly::renew, "names"_a)
-      .def("overrun", &Assembly::overrun, "name"_a, "q"_a, "v"_a)
-      .def("look", &Assembly::look, "q"_a, "v"_a)
-      .def("held", &Assembly::held, "name"_a, "value"_a.noconvert())
-      .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
-           "command"_a, "largest"_a)
+      .def("answers", &Assembly::answers, "call"_a, "values"_a.noconvert(), "largest"_a)
       .def("move", &Assembly::move, "robot"_a)
       .def("written", &Assembly::written, "rows"_a, "bounds"_a)
-      .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a, "write"_a.none())
-      .def("tick", &Assembly::tick, "q"_a, "v"_a.none(), "targets"_a, "fresh"_a, "before"_a.none(), "largest"_a,
-           "rounding"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
       .def("demand", &Assembly::demand, "v"_a)
       .def("limit", &Assembly::limit, "v"_a, "reactions"_a)
-      .def("limits", &Assembly::limits);
+      .def("core", &Assembly::core);
   nb::class_<EasedRows>(module, "EasedRows")
       .def(nb::init<>())
       .def("add", &EasedRows::add, "A"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(),
@@ -106,6 +97,7 @@ NB_MODULE(_assembly, module) {
       .def(nb::init<const WrittenColumns&, const nb::object&, const nb::object&>(), "twists"_a.noconvert(), "joints"_a,
            "frames"_a)
       .def_prop_ro("size", [](LiveKinematics& k) { return k.get().size(); })
+      .def("core", &LiveKinematics::core)
       .def("update", &LiveKinematics::update, "q"_a)
       .def("integrate", &LiveKinematics::integrate, "q"_a, "x"_a, "h"_a, "out"_a.noconvert());
   nb::class_<Descents>(module, "Descents")

@@ -2,15 +2,18 @@
 #pragma once
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <optional>
 #include <vector>
 
 #include "../dynamics/kinematics.hpp"
-#include "loop.hpp"
+#include "references.hpp"
 
 namespace hqp {
+
+using Clock = std::chrono::steady_clock;
 
 // Error of an element in its rows: rows of errors, or of bounds whose violation grows at `rate` with it.
 struct Told {

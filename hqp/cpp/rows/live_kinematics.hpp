@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "../common/capsule.hpp"
 #include "live_plan.hpp"
 #include "planned.hpp"
 
@@ -18,6 +19,7 @@ class LiveKinematics {
   LiveKinematics(const LiveKinematics&) = delete;
 
   hqp::Kinematics& get() { return kinematics_; }
+  nb::capsule core() { return hqp::capsule_of_part(&kinematics_, "hqp.kinematics"); }
   void update(const Vector& q) { kinematics_.update(q.data()); }
   void integrate(const Vector& q, const Vector& x, double h, const Written& out) {
     kinematics_.integrate(q.data(), x.data(), h, out.data());

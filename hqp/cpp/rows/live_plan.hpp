@@ -56,7 +56,13 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
   std::vector<std::string> texts(const char* field) const {
     return nb::cast<std::vector<std::string>>(part(field).object_);
   }
-  bool has(const char* field) const { return !part(field).is_none(); }
+  bool has(const char* field) const {
+    if (!PyDict_Check(object_.ptr())) return nb::hasattr(object_, field) && !part(field).is_none();
+    const nb::object key = nb::steal(PyUnicode_FromString(field));
+    PyObject* found = PyDict_GetItem(object_.ptr(), key.ptr());
+    return found && found != Py_None;
+  }
+  const nb::object& object() const { return object_; }
   LivePlan part(const char* field) const {
     const bool named = PyDict_Check(object_.ptr());
     return {named ? nb::object(object_[field]) : nb::object(object_.attr(field)), *kept_};

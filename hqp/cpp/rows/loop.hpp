@@ -1,10 +1,6 @@
-// One tick in one call: references in, rows and laws, a solver, the command out.
-//
-// It handles ordinary ticks. The general path of a session handles the rest (an unknown element, another shape, a value
-// that is not finite, rows too large) and reports the fault.
+// References of Python: their numbers, read without a copy, and put where rows read them.
 #pragma once
 
-#include <chrono>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -64,7 +60,7 @@ class Doubles {
   bool known_, held_;
 };
 
-// The Python objects of a tick: references are read, a record is made.
+// Where the references of a stack go.
 class Loop {
  public:
   explicit Loop(nb::object reference) : reference_(std::move(reference)) {}
@@ -73,31 +69,11 @@ class Loop {
     index_[nb::str(name.c_str())] = nb::int_(slots_.size());
     slots_.push_back(std::move(slot));
   }
-  Slot* find(const std::string& name) {
-    const auto found = PyDict_GetItem(index_.ptr(), nb::str(name.c_str()).ptr());
-    return found ? &slots_[PyLong_AsSize_t(found)] : nullptr;
-  }
-
   // Hold values everywhere but for the references given; false for one that is out of the ordinary.
   bool take(const nb::tuple& references, bool fresh) {
     settle(slots_, fresh);
     for (const nb::handle reference : references)
       if (!take(reference)) return false;
-    return true;
-  }
-  // Aim by targets alone, by name; a target with more than a value is left to the general path, too.
-  bool aim(const nb::dict& targets, bool fresh) {
-    settle(slots_, fresh);
-    PyObject *name = nullptr, *value = nullptr;
-    for (Py_ssize_t at = 0; PyDict_Next(targets.ptr(), &at, &name, &value);) {
-      PyObject* found = PyDict_GetItem(index_.ptr(), name);
-      if (!found) return false;
-      Slot& slot = slots_[PyLong_AsSize_t(found)];
-      slot.moved = true;
-      const bool taken = slot.plain != Plain::kNo && value != Py_None &&
-                         copy(value, slot.target, slot.shape.data(), static_cast<int>(slot.shape.size()));
-      if (!taken || !slot.is_finite() || !slot.is_rotation()) return false;
-    }
     return true;
   }
 
@@ -136,11 +112,5 @@ class Loop {
   nb::dict index_;
   std::vector<Slot> slots_;
 };
-
-using Clock = std::chrono::steady_clock;
-
-inline double seconds(Clock::time_point from, Clock::time_point to) {
-  return std::chrono::duration<double>(to - from).count();
-}
 
 }  // namespace hqp

@@ -128,7 +128,7 @@ Slot slot(const Plan& p, int operations) {
     size *= static_cast<std::size_t>(n);
   }
   slot.target = p.maybe("target", size);
-  slot.elsewhere = !slot.target;
+  slot.elsewhere = !p.has("target");
   slot.normal = p.maybe("normal", 3);
   if (slot.normal) std::copy(slot.normal, slot.normal + 3, slot.usual.begin());
   const std::size_t rows = p.part("rate").size();
@@ -143,6 +143,19 @@ Slot slot(const Plan& p, int operations) {
   return slot;
 }
 
+// Where the reference of a load goes.
+template <class Plan>
+Slot load_slot(const Plan& p) {
+  const std::size_t size = p.part("value").size();
+  need(size == (p.part("plan").name() == "ExternalWrench" ? 6u : 4u),
+       "a load of the plan has another number of values");
+  Slot slot;
+  slot.target = p.doubles("value", size);
+  slot.shape = {static_cast<int>(size)};
+  slot.plain = Plain::kNumbers;
+  return slot;
+}
+
 // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
 template <class Plan>
 void add_dynamics(Assembly& rows, const Plan& p) {
@@ -150,15 +163,11 @@ void add_dynamics(Assembly& rows, const Plan& p) {
   rows.dynamics(p.inertias("inertias"), p.numbers("rotors"), load(p.doubles("gravity", 3)), p.doubles("A", n * n),
                 p.doubles("bias", n));
 }
-// A load whose value is live; payloads count for centres of mass, too. Returns the slot of its reference.
+// A load whose value is live; payloads count for centres of mass, too.
 template <class Plan>
-Slot add_load(Assembly& rows, const Plan& p) {
-  const std::size_t size = p.part("value").size();
-  need(size == (p.part("plan").name() == "ExternalWrench" ? 6u : 4u),
-       "a load of the plan has another number of values");
-  double* value = p.doubles("value", size);
-  rows.load(p.part("plan"), value);
-  return {value, {static_cast<int>(size)}, nullptr, nullptr, nullptr, 0, false, Plain::kNumbers, {}};
+void add_load(Assembly& rows, const Plan& p) {
+  const Slot slot = load_slot(p);
+  rows.load(p.part("plan"), slot.target);
 }
 
 }  // namespace hqp

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "guarded.hpp"
+#include "node.hpp"
 
 namespace hqp {
 
@@ -26,7 +27,7 @@ class Batch {
     if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
     threads = std::max<std::size_t>(1, std::min(threads, count));
     for (std::size_t k = 0; k < threads; ++k) {
-      sessions_.push_back(Guarded::made(plan));
+      sessions_.push_back(Guarded::made(FileSource(plan)));
       sessions_.back()->without_deadline();  // no world is late
     }
   }

@@ -11,8 +11,9 @@
 #include <nanobind/stl/vector.h>
 
 #include "batch.hpp"
+#include "live.hpp"
 #include "live_guards.hpp"
-#include "plan_file.hpp"
+#include "node.hpp"
 #include "session.hpp"
 
 namespace nb = nanobind;
@@ -159,6 +160,28 @@ NB_MODULE(_session, module) {
   nb::exception<hqp::PlanError>(module, "PlanError");
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);
   binding::bind_guards(module);
+  nb::class_<binding::LiveSession>(module, "Live")
+      .def(nb::init<const nb::object&>(), "tree"_a)
+      .def("tell", &binding::LiveSession::tell, "references"_a)
+      .def("ask", &binding::LiveSession::ask)
+      .def("aim", &binding::LiveSession::aim, "targets"_a)
+      .def("phase", &binding::LiveSession::phase, "name"_a)
+      .def("step", &binding::LiveSession::step, "q"_a, "v"_a, "time"_a.none(), "now"_a, "angles"_a.none(),
+           "fault"_a.none())
+      .def("limit", &binding::LiveSession::limit, "limiter"_a, "last"_a, "x"_a.noconvert())
+      .def("measure", &binding::LiveSession::measure, "name"_a, "load"_a)
+      .def("follow", &binding::LiveSession::follow, "other"_a)
+      .def("keep_hold", &binding::LiveSession::keep_hold, "name"_a, "value"_a)
+      .def("holds", &binding::LiveSession::holds)
+      .def("aside", &binding::LiveSession::aside)
+      .def("alone", &binding::LiveSession::alone, "x"_a)
+      .def("rest", &binding::LiveSession::rest, "last"_a, "good"_a, "held"_a, "fit"_a, "why"_a)
+      .def("ahead", &binding::LiveSession::ahead, "call"_a.none())
+      .def("too_large", &binding::LiveSession::too_large, "q"_a, "v"_a, "angles"_a)
+      .def_prop_ro("good", &binding::LiveSession::good)
+      .def_prop_ro("held", &binding::LiveSession::held)
+      .def_prop_ro("deadline", &binding::LiveSession::deadline)
+      .def_prop_ro("margin", &binding::LiveSession::margin);
   nb::class_<Worlds>(module, "Batch")
       .def(nb::init<const nb::bytes&, std::size_t, std::size_t>(), "file"_a, "count"_a, "threads"_a)
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),

@@ -26,57 +26,66 @@ namespace hqp {
 class Guarded {
  public:
   // Throws PlanError for a plan of which no session can be made.
-  static std::unique_ptr<Guarded> made(std::shared_ptr<const Plan> plan) {
+  template <class Source>
+  static std::unique_ptr<Guarded> made(const Source& source) {
     try {
-      return std::make_unique<Guarded>(std::move(plan));
+      return std::make_unique<Guarded>(source);
     } catch (const PlanError&) {
       throw;
     } catch (const std::exception& error) {  // of a part that looks at its own numbers, or out of memory
       throw PlanError(std::string("cannot make a session of the plan: ") + error.what());
     }
   }
-  explicit Guarded(std::shared_ptr<const Plan> plan)
-      : line_(std::move(plan)),
-        robot_(line_.root().part("robot")),
-        guards_(line_.root().part("guards")),
-        check_(bounds(guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
-               guards_.part("state").number("ordinary"), age(guards_.part("state")), line_.kinematics()),
-        kind_(line_.root().part("motion").text("kind")),
-        name_(robot_.text("name")),
-        joint_names_(robot_.texts("joint_names")),
-        home_(robot_.numbers("home", std::size_t(line_.nq()))),
-        joints_(robot_.places("actuated", std::size_t(line_.nv()))),
+  template <class Source>
+  explicit Guarded(const Source& source) : Guarded(source.root(), source) {}
+
+  // Of a plan: its root, and what the parts are made of.
+  template <class Node, class Source>
+  Guarded(const Node& root, const Source& source)
+      : kept_(source.kept()),
+        foreign_(source.foreign()),
+        live_(Source::kLive),
+        line_(root, source.parts(), foreign_),
+        check_(bounds(root), root.part("robot").texts("places"), root.part("robot").texts("speeds"),
+               root.part("guards").part("state").number("ordinary"), age(root.part("guards").part("state")),
+               line_.kinematics()),
+        kind_(root.part("motion").text("kind")),
+        name_(root.part("robot").text("name")),
+        joint_names_(root.part("robot").texts("joint_names")),
+        home_(root.part("robot").numbers("home", std::size_t(line_.nq()))),
+        joints_(root.part("robot").places("actuated", std::size_t(line_.nv()))),
         picks_(kind_ == "torque" ? counted(joints_.size()) : joints_),
-        budget_(guards_.number("deadline")),
+        budget_(root.part("guards").number("deadline")),
         q_(std::size_t(line_.nq())),
         v_(std::size_t(line_.nv())),
         good_q_(q_.size()),
         good_v_(v_.size()),
-        x_(std::size_t(line_.solver().exact().size())),
+        x_(std::size_t(line_.size())),
         given_(line_.slots().size()),
         contacts_(names_of(line_.members()), line_.dt()),
         limits_(limit_watch(line_)),
         left_out_(line_.members().size(), false),
         angles_(v_.size()),
-        outgoing_(
-            line_.outgoing(picks_, guards_.number("gradual"), guards_.number("violation"), guards_.texts("statuses"))),
-        presence_(line_.root(), line_.members()),
-        laws_(line_, presence_.names().size()),
+        outgoing_(line_.outgoing(picks_, root.part("guards").number("gradual"), root.part("guards").number("violation"),
+                                 root.part("guards").texts("statuses"))),
+        presence_(root, line_.members()),
+        laws_(root, line_, presence_.names().size()),
         out_(line_.members().size(), false) {
+    const Node guards = root.part("guards");
     if (joint_names_.size() != picks_.size())
       throw PlanError("the plan lists " + std::to_string(joint_names_.size()) + " joint names for " +
                       std::to_string(picks_.size()) + " commands: export it anew");
-    if (guards_.texts("statuses").size() != std::size_t(Status::kInvalidState) + 1)
-      throw PlanError("the plan lists " + std::to_string(guards_.texts("statuses").size()) + " status texts, needed " +
+    if (guards.texts("statuses").size() != std::size_t(Status::kInvalidState) + 1)
+      throw PlanError("the plan lists " + std::to_string(guards.texts("statuses").size()) + " status texts, needed " +
                       std::to_string(std::size_t(Status::kInvalidState) + 1) + ": export it anew");
-    if (guards_.has("rates"))
-      limiter_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt(), "rate");
+    if (guards.has("rates"))
+      limiter_ = std::make_unique<RateLimiter>(joint_names_, guards.numbers("rates"), line_.dt(), "rate");
     for (const int pick : picks_)
       if (pick < 0 || std::size_t(pick) >= x_.size())
         throw PlanError("joint index " + std::to_string(pick) + " of the plan is outside 0 to " +
                         std::to_string(x_.size() - 1) + ": export it anew");
     over_.reserve(v_.size());
-    rest_ = made_rest();
+    rest_ = made_rest(root);
     if (rest_->size() != x_.size())
       throw PlanError("the braking of the plan has " + std::to_string(rest_->size()) + " variables, its solver " +
                       std::to_string(x_.size()) + ": export it anew");
@@ -88,26 +97,35 @@ class Guarded {
     renewed_.reserve(given_.size());
     tick_.command_.resize(picks_.size());
     tick_.x_.resize(x_.size());
-    tick_.residuals_.resize(line_.solver().exact().rows().size());
-    tick_.marks_.resize(std::size_t(line_.solver().exact().total()));
+    tick_.residuals_.resize(line_.levels().size());
+    tick_.marks_.resize(line_.rows());
     tick_.notes_.resize(Tick::kNotes + 2 * limits_.size());
+    if (live_) return;  // its solver is the program's own, and no world of a batch
     CarryOver state = CarryOver::to_first(initial_);
     keep(state);
-    line_.solver().make_room(out_.size());
+    line_.solver()->make_room(out_.size());
   }
 
-  // time: null where the state does not tell.
-  const Tick& step(const double* q, const double* v, const double* time = nullptr, double now = 0.0) {
-    begin_ = Clock::now();
+  // What is known of a state beside its numbers.
+  struct Told {
+    const double* time = nullptr;    // [s], null where the state does not tell
+    double now = 0.0;                // [s], of the tick
+    const double* angles = nullptr;  // of q, where no kinematics tell them
+    const char* fault = nullptr;     // why it is none, where that is known
+  };
+  const Tick& step(const double* q, const double* v) { return step(q, v, Told{}); }
+  const Tick& step(const double* q, const double* v, const Told& told) {
+    begin_ = filled_ = solved_ = Clock::now();
     ++tick_.count_;
     tick_.note_count_ = 0;
     tick_.status_ = Status::kOptimal;
+    answered_ = false;
     std::copy(q, q + q_.size(), q_.begin());
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
-    if (!check_.check(q_.data(), v_.data(), time, now, why)) {
-      for (Given& given : given_) given.told = 0;
-      presence_.forget();
+    if (told.fault) why = {"state", Status::kInvalidState, Cause::kForeign, told.fault};
+    if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why)) {
+      forget();
       return held_tick(why, false);
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
@@ -116,10 +134,13 @@ class Guarded {
     attend(presence_.take());
     take_holds();
     apply_references();
+    if (foreign_ && foreign_->fills) return of_filled();
     line_.write(q_.data(), v_.data(), around());
-    if (!line_.assembly().small()) leave_out_unusable();
+    if (foreign_ && foreign_->writes ? foreign_->failed || !line_.assembly().usable() : !line_.assembly().small())
+      leave_out_unusable();
     leave_out_marked();
-    if (budget_.limited()) line_.solver().limit(left());
+    filled_ = Clock::now();
+    if (budget_.limited()) limit(left());
     Solved found = line_.solve(v_.data());
     if (found.outcome == kInvalid && !line_.torque()) {
       leave_out_unusable();
@@ -144,7 +165,7 @@ class Guarded {
       if (!state.writes()) slot.settle();
     }
     line_.assembly().keep(state);
-    line_.solver().keep(state);
+    line_.solver()->keep(state);
   }
 
   void set(std::size_t member, int what, const double* values, std::size_t size);
@@ -152,7 +173,7 @@ class Guarded {
   // leave enough of them.
   void say(std::size_t member, bool in) {
     const Member& told = line_.members()[member];
-    if (line_.torque() && told.level < 0)
+    if (line_.torque() && told.level < 0 && !live_)
       throw ReferenceError(told.name + ": switch a contact at torque level by phases, not by on()");
     presence_.say(member, in);
   }
@@ -175,6 +196,25 @@ class Guarded {
     throw ReferenceError("the plan has no element '" + name + "' with a reference; allowed: " + known);
   }
 
+  // The next step is told nothing yet, of one element, or of all.
+  void forget(std::size_t slot) { given_[slot].told = 0; }
+  void forget() {
+    for (Given& given : given_) given.told = 0;
+    presence_.forget();
+  }
+  // Hold what another stack held, until the element is left out.
+  void keep_hold(std::size_t slot, const double* values) {
+    Slot& to = line_.slots()[slot];
+    std::copy(values, values + to.hold.size(), to.hold.begin());
+    to.settle();
+    given_[slot].kept = true;
+  }
+  // The numbers that an element's next step is told as what: to be written, and told.
+  double* numbers(std::size_t slot, int what) { return given_[slot].numbers[what].data(); }
+  void told(std::size_t slot, int what) { given_[slot].told |= 1u << what; }
+  ContactWatch& contacts() { return contacts_; }
+  Outgoing& outgoing() { return outgoing_; }
+
   // How many numbers an element is told as what, see set().
   std::size_t width(std::size_t member, int what) const {
     const Given& given = given_[std::size_t(line_.members()[member].slot)];
@@ -185,18 +225,65 @@ class Guarded {
   void without_deadline() {
     check_.of_any_age();
     budget_ = Budget(std::numeric_limits<double>::infinity());
-    line_.solver().limit(0.0);
+    line_.solver()->limit(0.0);
   }
 
   // As just made.
   void reset() {
-    line_.solver().reset(), attended_ = false;
+    line_.solver()->reset(), attended_ = false;
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
     for (Given& given : given_) given.told = 0;
     fresh_ = true;
     presence_.forget(), presence_.phase(0);
     laws_.reset();
+  }
+
+  // Go on where another session of the robot is: with what it sent last, and its margin of time.
+  void follow(const Guarded& other) {
+    x_ = other.x_, good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
+    budget_ = other.budget_;
+    tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
+  }
+
+  // Beside another session, that blends its answers with those of this one: without rate limits, in half of the time.
+  void aside() {
+    attended_ = false;  // another one may have shared its rows
+    if (!std::exchange(aside_, true)) budget_ = Budget(0.5 * budget_.deadline());
+  }
+  // Alone again, after that x.
+  void alone(const double* x) {
+    if (std::exchange(aside_, false)) budget_ = Budget(2.0 * budget_.deadline());
+    std::copy(x, x + x_.size(), x_.begin());
+    tick_.held_ = 0;
+  }
+  // The x towards rest where the blend of this one and another one has no usable answer: after that x, for so many
+  // ticks by now.  fit: whether the latest state is one to start from.
+  const Tick& rest(const double* last, bool good, std::int64_t held, bool fit, Status why) {
+    tick_.note_count_ = 0;
+    tick_.status_ = why;
+    const auto start = [&] { return fit || good_ ? from(!fit) : RestFrom{}; };
+    outgoing_.rest(*rest_, start, fit, held, why, {last, good, tick_.count_}, limiter_.get(), tick_.x_.data(),
+                   [this](const Note& why_not) { note(why_not); });
+    tick_.held_ = held;
+    return tick_;
+  }
+
+  // The answer of the solver in this tick, null where it was not asked; when rows and it were done [s since the begin].
+  const Answered* answered() const { return answered_ ? &answer_ : nullptr; }
+  std::size_t plain_notes() const { return plain_notes_; }  // notes before those on limits of joints
+  double begun() const { return std::chrono::duration<double>(begin_.time_since_epoch()).count(); }
+  double filling() const { return std::chrono::duration<double>(filled_ - begin_).count(); }
+  double solving() const { return std::chrono::duration<double>(solved_ - filled_).count(); }
+  const std::vector<double>& q() const { return q_; }  // of the tick, normalised
+  const std::vector<double>& v() const { return v_; }
+  const std::vector<double>& sent() const { return x_; }  // last
+  bool good() const { return good_; }
+  const Budget& budget() const { return budget_; }
+  // Which number of a state is too large, "" for none.
+  std::string too_large(const double* q, const double* v, const double* angles) {
+    Note why;
+    return check_.within(q, v, angles, why) ? "" : why.text();
   }
 
   Line& line() { return line_; }
@@ -214,6 +301,7 @@ class Guarded {
     std::vector<double> numbers[4];
     unsigned told = 0;
     bool held = false;  // whether its hold value was told
+    bool kept = false;  // whether it is that of another stack, until it is left out
   };
 
   static std::vector<std::string> names_of(const std::vector<Member>& members) {
@@ -236,26 +324,34 @@ class Guarded {
     for (std::size_t i = 0; i < n; ++i) found[i] = static_cast<int>(i);
     return found;
   }
-  StateBounds bounds(const Node& p) const {
+  template <class Node>
+  StateBounds bounds(const Node& root) const {
+    const Node p = root.part("guards").part("state"), robot = root.part("robot");
     const std::size_t nv = std::size_t(line_.nv());
-    return {p.numbers("low", nv), p.numbers("high", nv),   p.numbers("speed", nv),
-            p.number("distance"), robot_.flag("floating"), robot_.texts("coordinates")};
+    return {p.numbers("low", nv), p.numbers("high", nv),  p.numbers("speed", nv),
+            p.number("distance"), robot.flag("floating"), robot.texts("coordinates")};
   }
+  template <class Node>
   static std::unique_ptr<StateAge> age(const Node& p) {
     return p.has("max_age") ? std::make_unique<StateAge>(p.number("max_age")) : nullptr;
   }
-  std::unique_ptr<Rest> made_rest() {
-    const Node braking = guards_.part("braking");
+  template <class Node>
+  std::unique_ptr<Rest> made_rest(const Node& root) {
+    const Node braking = root.part("guards").part("braking"), robot = root.part("robot");
     const double deceleration = braking.number("deceleration");
     if (kind_ == "velocity")
-      return std::make_unique<SlowDown>(robot_.numbers("lower", v_.size()), robot_.numbers("upper", v_.size()), joints_,
+      return std::make_unique<SlowDown>(robot.numbers("lower", v_.size()), robot.numbers("upper", v_.size()), joints_,
                                         deceleration, line_.dt());
     if (kind_ == "acceleration") return std::make_unique<Brake>(v_.size(), joints_, deceleration, line_.dt());
     if (!line_.torque())
       throw PlanError("the plan is of kind '" + kind_ + "'; allowed: velocity, acceleration, torque");
     std::vector<double> limit;
-    for (const int i : joints_) limit.push_back(robot_.numbers("effort_limit").at(std::size_t(i)));
+    for (const int i : joints_) limit.push_back(robot.numbers("effort_limit").at(std::size_t(i)));
     return std::make_unique<Hold>(limit, joints_, braking.number("damping"), line_.dt());
+  }
+  void limit(double seconds) {
+    if (line_.solver()) line_.solver()->limit(seconds);
+    else foreign_->limit(seconds);
   }
   double left() const {  // time for the solver; what comes before the first answer is done for the first time, and slow
     return budget_.left(good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0);
@@ -268,20 +364,34 @@ class Guarded {
   auto teller() {
     return [this](const Note& why) { note(why); };
   }
+  const RateLimiter* limiter() const { return aside_ ? nullptr : limiter_.get(); }
   Before before() const { return {x_.data(), good_, tick_.count_}; }
 
   // These elements are out of this tick, and all others in: those that come back hold what they are at.
-  void attend(const Presence::Out& out) {
+  void attend(const Presence::Out& asked) {
+    if (asked == out_ && attended_) return;
+    const Presence::Out& out = supported(asked);
     if (out == out_ && attended_) return;
     attended_ = true;
     line_.go_without(out);
-    line_.solver().turn(out);
+    if (line_.solver()) line_.solver()->turn(out);
+    if (foreign_) foreign_->go_without(out);
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
       contacts_.judge(m, out[m]);
       if (slot >= 0 && out_[m] && !out[m]) renew(std::size_t(slot));
     }
     out_ = out;
+  }
+
+  // Of elements that are to be out those that may be, with notes on the others.
+  const Presence::Out& supported(const Presence::Out& asked) {
+    if (!foreign_ || !line_.torque()) return asked;
+    rest_of_ = asked;
+    const char* why = foreign_->supported(rest_of_, stay_);
+    for (std::size_t m = 0; why && m < stay_.size(); ++m)
+      if (stay_[m]) note({line_.members()[m].name.c_str(), Status::kInvalidReference, Cause::kForeign, why});
+    return why ? rest_of_ : asked;
   }
 
   // An element holds what it is at from now on, unless it was told.
@@ -292,16 +402,17 @@ class Guarded {
   void take_holds() {
     if (!std::exchange(holds_known_, true)) {
       renewed_.clear();
-      for (std::size_t k = 0; k < given_.size(); ++k) renew(k);
+      for (std::size_t k = 0; k < given_.size(); ++k)
+        if (!std::exchange(given_[k].kept, false)) renew(k);
     }
     if (renewed_.empty()) return;
-    line_.kinematics().update(q_.data());
+    if (line_.kinematics()) line_.kinematics()->update(q_.data());
     line_.assembly().take_holds(q_.data(), v_.data(), renewed_);
   }
 
   void apply_references() {
     const std::vector<Member>& members = line_.members();
-    settle(line_.slots(), false);
+    settle(line_.slots(), live_);
     for (std::size_t m = 0; m < members.size(); ++m) {
       left_out_[m] = false;
       if (members[m].slot < 0) continue;
@@ -331,8 +442,10 @@ class Guarded {
     const std::vector<Member>& members = line_.members();
     for (std::size_t m = 0; m < members.size(); ++m) {
       Note why{members[m].name.c_str(), Status::kInvalidElement};
-      if (left_out_[m] || line_.usable(members[m], why)) continue;
-      left_out_[m] = why.left_out = true;
+      const Foreign::Fault fault = foreign_ ? foreign_->fault(m) : Foreign::Fault{};
+      if (fault.text) why.status = fault.status, why.cause = Cause::kForeign, why.where = fault.text;
+      if (left_out_[m] || (!fault.text && line_.usable(members[m], why))) continue;
+      left_out_[m] = why.left_out = !fault.text || fault.leave;
       note(why);
     }
     leave_out_marked();
@@ -342,6 +455,27 @@ class Guarded {
       if (left_out_[m]) line_.leave_out(line_.members()[m]);
   }
 
+  // Rows that are Python's business, all of them.
+  const Tick& of_filled() {
+    const char* why = foreign_->fill(left_out_);
+    if (!why && foreign_->failed) {
+      const std::vector<Member>& members = line_.members();
+      for (std::size_t m = 0; m < members.size(); ++m) {
+        const Foreign::Fault fault = foreign_->fault(m);
+        if (left_out_[m] || !fault.text) continue;
+        left_out_[m] = fault.leave;
+        Note note_of{members[m].name.c_str(), fault.status, Cause::kForeign, fault.text};
+        note_of.left_out = fault.leave;
+        note(note_of);
+      }
+      why = foreign_->fill(left_out_);
+    }
+    if (why) return held_tick({"robot", Status::kDynamicsFailed, Cause::kForeign, why}, false);
+    filled_ = Clock::now();
+    if (budget_.limited()) limit(left());
+    return conclude(line_.run(v_.data()));
+  }
+
   const Tick& conclude(const Solved& found) {
     if (found.outcome == kInvalid) {
       const bool dynamics = line_.torque() != nullptr;
@@ -349,17 +483,19 @@ class Guarded {
                         dynamics ? Cause::kDynamics : Cause::kNotFinite},
                        !dynamics);
     }
-    const Answered answer = line_.answer(found);
-    line_.residuals(answer.slack, tick_.residuals_.data());
-    std::copy(answer.marks, answer.marks + tick_.marks_.size(), tick_.marks_.begin());
-    const auto here = [this] { return from(q_, v_); };
-    if (!outgoing_.take(answer, before(), *rest_, here, contacts_, limiter_.get(), tick_.x_.data(), teller()))
+    answer_ = line_.answer(found), answered_ = true;
+    solved_ = Clock::now();
+    line_.residuals(answer_.slack, tick_.residuals_.data());
+    std::copy(answer_.marks, answer_.marks + tick_.marks_.size(), tick_.marks_.begin());
+    const auto here = [this] { return from(false); };
+    if (!outgoing_.take(answer_, before(), *rest_, here, contacts_, limiter(), tick_.x_.data(), teller()))
       return held_tick({}, true);
+    plain_notes_ = tick_.note_count_;
     limits();
     send();
-    if (budget_.limited() && answer.status != Status::kOptimal)
-      budget_.end(thread_time(), answer.status == Status::kTimeLimit);
-    fresh_ = answer.status != Status::kOptimal;
+    if (budget_.limited() && answer_.status != Status::kOptimal)
+      budget_.end(thread_time(), answer_.status == Status::kTimeLimit);
+    fresh_ = answer_.status != Status::kOptimal;
     std::copy(q_.begin(), q_.end(), good_q_.begin());
     std::copy(v_.begin(), v_.end(), good_v_.begin());
     good_ = true;
@@ -376,20 +512,27 @@ class Guarded {
   const Tick& held_tick(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
     fresh_ = true;
-    const auto start = [&] { return fit ? from(q_, v_) : good_ ? from(good_q_, good_v_) : RestFrom{}; };
-    outgoing_.rest(*rest_, start, fit, ++tick_.held_, why.status, before(), limiter_.get(), tick_.x_.data(), teller());
+    const auto start = [&] { return fit || good_ ? from(!fit) : RestFrom{}; };
+    outgoing_.rest(*rest_, start, fit, ++tick_.held_, why.status, before(), limiter(), tick_.x_.data(), teller());
     send();
     return tick_;
   }
 
   // The velocity that limits stand around.
   const double* around() const { return line_.order() == 1 && good_ ? x_.data() : v_.data(); }
-  // A state as a robot comes to rest from it.
-  RestFrom from(const std::vector<double>& q, const std::vector<double>& v) {
+  // A state as a robot comes to rest from it: the tick's, or the last good one.
+  RestFrom from(bool last) {
+    if (foreign_ && (foreign_->fills || !line_.kinematics())) return foreign_->start(last);
+    const double *q = last ? good_q_.data() : q_.data(), *v = last ? good_v_.data() : v_.data();
     RestFrom found;
-    line_.kinematics().angles(q.data(), angles_.data());
-    found.angles = angles_.data(), found.v = v.data();
-    if (line_.torque() && line_.at_rest(q.data())) found.holding = line_.holding(), found.felt = line_.felt();
+    line_.kinematics()->angles(q, angles_.data());
+    found.angles = angles_.data(), found.v = v;
+    if (line_.torque() && line_.at_rest(q)) found.holding = line_.holding(), found.felt = line_.felt();
+    if (live_ && line_.torque() && !last) {  // who asks about this tick reads its rows
+      line_.write(q_.data(), v_.data(), around());
+      leave_out_marked();
+      line_.rewrite(v_.data());
+    }
     return found;
   }
 
@@ -408,8 +551,10 @@ class Guarded {
     }
   }
 
+  std::shared_ptr<const void> kept_;  // before what points into it
+  Foreign* foreign_;
+  bool live_;  // others write into its arrays between its ticks
   Line line_;
-  Node robot_, guards_;
   StateCheck check_;
   std::unique_ptr<Rest> rest_;
   std::string kind_, name_;
@@ -429,9 +574,13 @@ class Guarded {
   Outgoing outgoing_;
   Presence presence_;
   PhaseLaws laws_;
-  Presence::Out out_;
+  Presence::Out out_, rest_of_, stay_;
+  bool aside_ = false;
   bool good_ = false, holds_known_ = false, fresh_ = true, attended_ = false;
-  Clock::time_point begin_;
+  Clock::time_point begin_, filled_, solved_;
+  Answered answer_{};
+  std::size_t plain_notes_ = 0;
+  bool answered_ = false;
   Tick tick_;
 };
 

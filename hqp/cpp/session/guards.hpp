@@ -98,7 +98,7 @@ class StateCheck {
   // places, speeds: the joint of each number of q and of v.  ordinary: squares that sum up to less need no second look.
   // age: null for any.
   StateCheck(StateBounds bounds, std::vector<std::string> places, std::vector<std::string> speeds, double ordinary,
-             std::unique_ptr<StateAge> age, const Kinematics& kinematics)
+             std::unique_ptr<StateAge> age, const Kinematics* kinematics)
       : bounds_(std::move(bounds)),
         places_(std::move(places)),
         speeds_(std::move(speeds)),
@@ -106,28 +106,33 @@ class StateCheck {
         age_(std::move(age)),
         kinematics_(kinematics),
         angles_(bounds_.size()) {
-    if (places_.size() != std::size_t(kinematics.size()) || speeds_.size() != bounds_.size() ||
+    if ((kinematics && places_.size() != std::size_t(kinematics->size())) || speeds_.size() != bounds_.size() ||
         places_.size() < bounds_.places())
-      throw PlanError("the state bounds of the plan need a name for each of nq = " + std::to_string(kinematics.size()) +
+      throw PlanError("the state bounds of the plan need a name for each of nq = " + std::to_string(places_.size()) +
                       " and nv = " + std::to_string(bounds_.size()) + " numbers");
   }
 
   // q is normalised in place; false, and why, where the state is not usable.
-  bool check(double* q, const double* v, const double* time, double now, Note& why) {
+  // angles: of q, where no kinematics tell them.
+  bool check(double* q, const double* v, const double* time, double now, const double* angles, Note& why) {
     const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
     const double square = squared(q, nq) + squared(v, nv);
     if (!(square < std::numeric_limits<double>::infinity())) return not_finite(q, v, why);
-    if (!kinematics_.unit(q, kRounding)) {
+    if (kinematics_ && !kinematics_->unit(q, kRounding)) {
       double length = 0.0;
       bool pair = false;
-      const int wrong = kinematics_.normalise(q, kUnit, length, pair);
+      const int wrong = kinematics_->normalise(q, kUnit, length, pair);
       if (wrong >= 0)
         return StateBounds::refuse(why, pair ? Cause::kPair : Cause::kQuaternion, places_[std::size_t(wrong)], length,
                                    kUnit);
     }
     if (age_ && !age_->hold(time, now, why)) return false;
-    if (square < ordinary_) return true;
-    kinematics_.angles(q, angles_.data());
+    return square < ordinary_ || within(q, v, angles, why);
+  }
+  // Whether no number of a valid state is too large.
+  bool within(const double* q, const double* v, const double* angles, Note& why) {
+    if (!kinematics_) return bounds_.hold(angles, q, v, why);
+    kinematics_->angles(q, angles_.data());
     return bounds_.hold(angles_.data(), q, v, why);
   }
   void of_any_age() { age_.reset(); }
@@ -148,7 +153,7 @@ class StateCheck {
   std::vector<std::string> places_, speeds_;
   double ordinary_;
   std::unique_ptr<StateAge> age_;
-  const Kinematics& kinematics_;
+  const Kinematics* kinematics_;  // null where q is normalised and its angles are given
   std::vector<double> angles_;
 };
 

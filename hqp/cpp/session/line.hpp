@@ -1,4 +1,4 @@
-// A compiled stack at work: its memory, the robot's kinematics, its rows and its solver.
+// A compiled stack at work: the robot's kinematics, its rows and its solver.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 #include "../rows/planned.hpp"
 #include "../torque/parts.hpp"
-#include "node.hpp"
+#include "foreign.hpp"
 #include "outgoing.hpp"
-#include "solver_parts.hpp"
+#include "parts.hpp"
 #include "tick.hpp"
 
 namespace hqp {
@@ -35,59 +35,63 @@ struct Member {
 
 class Line {
  public:
-  explicit Line(std::shared_ptr<const Plan> plan)
-      : plan_(std::move(plan)),
-        memory_(*plan_),
-        root_(plan_->root(), memory_),
-        nq_(root_.part("robot").integer("nq")),
-        nv_(root_.part("robot").integer("nv")),
-        kinematics_(joints(root_.part("motion").part("joints"), nv_),
-                    frames(root_.part("motion").part("frames"), root_.part("motion").parts("joints").size()),
-                    twists(root_.part("motion"))),
-        assembly_(bodies(root_.part("motion").part("bodies"), nv_), twists(root_.part("motion")), nq_,
-                  root_.part("guards").number("dt"), root_.part("motion").integer("order")),
-        solve_(solver_of(root_.part("solver"), variables(root_.part("motion")))) {
-    if (nq_ < 1 || kinematics_.size() != nq_ || assembly_.size() != nv_)
-      throw PlanError("the plan's joints give (nq, nv) = (" + std::to_string(kinematics_.size()) + ", " +
-                      std::to_string(assembly_.size()) + "), its robot has (" + std::to_string(nq_) + ", " +
+  // foreign: what of a tick is written in Python, null for nothing.
+  template <class Node>
+  Line(const Node& root, const Parts& parts, Foreign* foreign)
+      : nq_(root.part("robot").integer("nq")),
+        nv_(root.part("robot").integer("nv")),
+        dt_(root.part("guards").number("dt")),
+        n_(root.part("solver").integer("n")),
+        parts_(parts),
+        foreign_(foreign),
+        levels_(levels_of(root.part("solver"), std::size_t(n_))),
+        constraints_(root.part("solver").place("constraints", levels_.size() + 1)),
+        law_(law_of(root.part("solver"), levels_.size(), std::size_t(n_))) {
+    const Node motion = root.part("motion");
+    if (!parts_.assembly) throw PlanError("the rows of the plan have no native code: compile hqp");
+    if (nq_ < 1 || (parts_.kinematics && parts_.kinematics->size() != nq_) || assembly().size() != nv_)
+      throw PlanError("the plan's joints give (nq, nv) = (" +
+                      std::to_string(parts_.kinematics ? parts_.kinematics->size() : nq_) + ", " +
+                      std::to_string(assembly().size()) + "), its robot has (" + std::to_string(nq_) + ", " +
                       std::to_string(nv_) + "): export it anew");
-    largest_ = root_.part("guards").number("largest");
-    rows_ = solve_->exact().rows();
+    largest_ = root.part("guards").number("largest");
+    assembly().largest(largest_);
     int total = 0;
-    for (const int m : rows_) starts_.push_back(total), total += m;
+    for (const Level& level : levels_) starts_.push_back(total), total += level.m;
     slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
-    fill(root_.part("motion"));
-    if (root_.part("motion").has("torque")) {
-      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"));
-      torque_->before(solve_.get(), &assembly_);
-      if (torque_->coordinates() != std::size_t(nv_))
-        throw PlanError("the contact elimination of the plan has " + std::to_string(torque_->coordinates()) +
+    fill(motion);
+    ahead(nullptr);
+    if (parts_.torque) {
+      if (parts_.torque->coordinates() != std::size_t(nv_))
+        throw PlanError("the contact elimination of the plan has " + std::to_string(parts_.torque->coordinates()) +
                         " coordinates, its robot " + std::to_string(nv_) + ": export it anew");
     }
-    if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
+    if (torque() ? order() != 2 || !motion.has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the order of the plan must be 1 or 2, at torque level 2 with dynamics: export it anew");
-    for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
+    for (const Node& one : root.parts("elements")) members_.push_back(member(one)), bind_free(motion, members_.back());
     for (const Member& one : members_)
       if (one.level >= 0) placed_.push_back(&one);
     std::stable_sort(placed_.begin(), placed_.end(), [this](const Member* one, const Member* other) {
       return start(*one) + one->first < start(*other) + other->first;
     });
     still_.resize(std::size_t(nv_));
-    holding_.resize(std::size_t(solve_->exact().size())), felt_.resize(holding_.size());
-    origin_ = root_.part("solver").maybe("origin", std::size_t(solve_->exact().size()));
-    if (torque_ && origin_) weight_.resize(std::size_t(nv_));
+    holding_.resize(std::size_t(n_)), felt_.resize(holding_.size());
+    origin_ = root.part("solver").maybe("origin", std::size_t(n_));
+    if (torque() && origin_) weight_.resize(std::size_t(nv_));
   }
   Line(const Line&) = delete;
 
-  const Node& root() const { return root_; }
   int nq() const { return nq_; }
   int nv() const { return nv_; }
-  int order() const { return assembly_.order(); }
-  double dt() const { return assembly_.dt(); }
-  Kinematics& kinematics() { return kinematics_; }
-  Assembly& assembly() { return assembly_; }
-  LevelSolve& solver() { return *solve_; }
-  TorqueParts* torque() { return torque_.get(); }
+  int order() const { return parts_.assembly->order(); }
+  double dt() const { return dt_; }
+  int size() const { return n_; }                      // of x
+  std::size_t rows() const { return slacks_.size(); }  // of all levels
+  const std::vector<Level>& levels() const { return levels_; }
+  Kinematics* kinematics() const { return parts_.kinematics.get(); }  // null where Python's are read
+  Assembly& assembly() const { return *parts_.assembly; }
+  LevelSolve* solver() const { return parts_.solver.get(); }  // null for one that is written in Python
+  TorqueParts* torque() const { return parts_.torque.get(); }
   std::vector<Slot>& slots() { return slots_; }
   const std::vector<Member>& members() const { return members_; }
   const std::vector<const Member*>& placed() const { return placed_; }  // those with rows, as the hierarchy has them
@@ -96,32 +100,51 @@ class Line {
   // Rows and demands of a state that the references have been set for; velocity: v of the state, or at velocity level
   // the one that limits stand around.
   void write(const double* q, const double* v, const double* velocity) {
-    kinematics_.update(q);
+    if (parts_.kinematics) parts_.kinematics->update(q);
     for (int i = 0; slowed_ && i < nv_; ++i) slowed_[i] = v[i] * slowing_[i];
-    assembly_.operate(q, velocity);
-    assembly_.demand(velocity);
+    assembly().operate(q, velocity);
+    if (foreign_ && foreign_->writes) foreign_->write();
+    assembly().demand(velocity);
   }
   Solved solve(const double* v) {
-    if (!torque_) return solve_->run(v);
+    if (!torque()) return run(v);
     if (!weight_.empty()) {  // what the levels leave is settled by min |tau - tau_g|
-      assembly_.weight(weight_.data());
-      if (!torque_->hold(weight_.data(), origin_)) return {kInvalid};
+      assembly().weight(weight_.data());
+      if (!torque()->hold(weight_.data(), origin_)) return {kInvalid};
     }
-    return torque_->run(v);
+    return torque()->run(v);
+  }
+  // The same of rows that are all there.
+  Solved run(const double* v) { return solve_ ? solve_->run(v) : Solved{kAskPython}; }
+  // What runs ahead of the solver, and it, from now on; null for the solver alone.
+  void ahead(SolveCall* call) {
+    solve_ = call ? call : parts_.solver.get();
+    if (torque()) torque()->before(solve_, &assembly());
+  }
+  // Rows again, where something else has written them, without a solve.
+  void rewrite(const double* v) {
+    torque()->before(nullptr, &assembly());
+    torque()->run(v);
+    torque()->before(solve_, &assembly());
   }
 
   Answered answer(const Solved& found) {
-    BoundKernel& exact = solve_->exact();
+    if (found.outcome == kAskPython) return foreign_->solve();
+    if (found.outcome != kOptimal && foreign_ && foreign_->judges) return foreign_->judge(found);
+    BoundKernel& exact = solver()->exact();
     if (found.outcome == kUnsettled) return unsettled();
     const double* values = found.values ? found.values : exact.numbers().data();
     const Status status = statuses()[found.outcome < 0 || found.outcome > 5 ? 3 : found.outcome];
-    return {status, values, values + exact.size(), found.active ? found.active : exact.marks()};
+    Answered answer{status, values, values + n_, found.active ? found.active : exact.marks()};
+    answer.points = found.points, answer.point_count = found.point_count;
+    answer.iterations = found.iterations, answer.factorisations = found.factorisations;
+    return answer;
   }
 
   void residuals(const double* slack, double* out) const {
-    for (const int m : rows_) {
+    for (const Level& level : levels_) {
       double square = 0.0;
-      for (int i = 0; i < m; ++i, ++slack) square += *slack * *slack;
+      for (int i = 0; i < level.m; ++i, ++slack) square += *slack * *slack;
       *out++ = std::sqrt(square);
     }
   }
@@ -146,7 +169,7 @@ class Line {
   }
   // Free the rows of an element for this tick; of a contact whose force is eliminated keep what are numbers, at rest.
   void leave_out(const Member& member) {
-    const bool reaction = torque_ && member.level < 0;
+    const bool reaction = torque() && member.level < 0;
     for (int i = member.row; i < member.row_end; ++i) {
       for (int j = 0; i < laws_.m && j < nv_; ++j) {
         double& entry = const_cast<double*>(laws_.J)[std::ptrdiff_t(i) * nv_ + j];
@@ -162,10 +185,10 @@ class Line {
   // false where there is none.
   bool at_rest(const double* q) {
     std::fill(still_.begin(), still_.end(), 0.0);
-    kinematics_.update(q);
-    assembly_.operate(q, still_.data());
-    assembly_.weight(still_.data());
-    return torque_->at_rest(still_.data(), holding_.data(), felt_.data());
+    parts_.kinematics->update(q);
+    assembly().operate(q, still_.data());
+    assembly().weight(still_.data());
+    return torque()->at_rest(still_.data(), holding_.data(), felt_.data());
   }
   const double* holding() const { return holding_.data(); }
   const double* felt() const { return felt_.data(); }
@@ -176,35 +199,25 @@ class Line {
       Member& member = members_[k];
       if (member.out == out[k]) continue;
       member.out = out[k];
-      assembly_.out(member.name, member.row, member.row_end, member.out);
+      assembly().out(member.name, member.row, member.row_end, member.out);
       for (std::size_t i = 0; i < member.low.size(); ++i) {
         member.lower[i] = member.out ? -INFINITY : member.low[i];
         member.upper[i] = member.out ? INFINITY : member.high[i];
       }
-      if (torque_ && member.level < 0) {
-        const auto out = torque_->out().begin();
+      if (torque() && member.level < 0) {
+        const auto out = torque()->out().begin();
         std::fill(out + member.row, out + member.row_end, member.out);
       }
     }
   }
 
   // What is sent of its answers; the rest as of Outgoing.
-  Outgoing outgoing(std::vector<int> motors, double most, double violation, std::vector<std::string> sentences) {
-    BoundKernel& exact = solve_->exact();
-    const hqp::Law* law = solve_->law();
+  Outgoing outgoing(std::vector<int> motors, double most, double violation, std::vector<std::string> sentences) const {
     std::vector<Outgoing::Part> parts;
     for (const Member* one : placed_)
-      if (one->level < exact.problem.constraints)
-        parts.push_back({one->name, one->level, one->first, one->last, one->row_names});
-    return {exact.size(),
-            exact.levels,
-            exact.problem.constraints,
-            law ? *law : hqp::Law{},
-            std::move(parts),
-            std::move(motors),
-            most,
-            violation,
-            std::move(sentences)};
+      if (one->level < constraints_) parts.push_back({one->name, one->level, one->first, one->last, one->row_names});
+    return {n_,   levels_,   constraints_,        law_, std::move(parts), std::move(motors),
+            most, violation, std::move(sentences)};
   }
   int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
 
@@ -216,23 +229,26 @@ class Line {
   }
   // Of stages that ended early, or with constraints violated.
   Answered unsettled() {
-    PricedStages& stages = solve_->stages();
-    const bool off = solve_->describe(solve_->end().data(), slacks_.data(), marks_.data());
-    Status status = !stages.ended()     ? solve_->limited() ? Status::kTimeLimit : Status::kIterationLimit
+    PricedStages& stages = solver()->stages();
+    const bool off = solver()->describe(solver()->end().data(), slacks_.data(), marks_.data());
+    Status status = !stages.ended()     ? solver()->limited() ? Status::kTimeLimit : Status::kIterationLimit
                     : stages.doubtful() ? Status::kRankUncertain
                                         : Status::kOptimal;
     if (off && status <= Status::kRankUncertain) status = Status::kConstraintsViolated;
-    return {status, solve_->end().data(), slacks_.data(), marks_.data()};
+    Answered answer{status, solver()->end().data(), slacks_.data(), marks_.data()};
+    answer.points = solver()->points().data(), answer.point_count = solver()->points().size();
+    return answer;
   }
 
   // Where a member's rows are made free.
-  void bind_free(Member& member) {
+  template <class Node>
+  void bind_free(const Node& motion, Member& member) {
     if (member.row < member.row_end || member.level < 0 || member.first == member.last) return;
-    const Level& level = solve_->exact().levels[std::size_t(member.level)];
+    const Level& level = levels_[std::size_t(member.level)];
     member.lower = const_cast<double*>(level.lower) + member.first;
     member.upper = const_cast<double*>(level.upper) + member.first;
-    if (root_.part("motion").has("torque") && root_.part("motion").part("torque").has("forces"))
-      for (const Node& one : root_.part("motion").part("torque").part("forces").parts("rows")) {
+    if (motion.has("torque") && motion.part("torque").has("forces"))
+      for (const Node& one : motion.part("torque").part("forces").parts("rows")) {
         const std::size_t m = one.part("lower").size();
         const double* lower = one.doubles("lower", m);
         if (member.lower < lower || member.lower >= lower + m) continue;
@@ -253,23 +269,15 @@ class Line {
     return most;
   }
 
-  // Of the solver: the torques of the motors, or the motion of all coordinates.
-  int variables(const Node& motion) const {
-    return motion.has("torque") ? static_cast<int>(motion.part("torque").ints("actuated").size()) : nv_;
-  }
-  double* twists(const Node& p) const { return p.doubles("twists", 6 * static_cast<std::size_t>(nv_)); }
+  template <class Node>
   void fill(const Node& p) {
-    if (p.has("dynamics")) add_dynamics(assembly_, p.part("dynamics"));
     for (const Node& one : p.parts("loads")) {
-      slots_.push_back(add_load(assembly_, one));
+      slots_.push_back(load_slot(one));
       slot_names_.push_back(one.text("name"));
     }
-    for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one, nv_));
     laws_ = laws(p.part("laws"), order(), nv_);
-    assembly_.laws(laws_);
-    assembly_.largest(largest_);
     for (const Node& one : p.parts("slots")) {
-      slots_.push_back(slot(one, assembly_.operations()));
+      slots_.push_back(slot(one, assembly().operations()));
       slot_names_.push_back(one.text("name"));
       if (!slots_.back().target && slots_.back().size() > 0)
         throw PlanError("element '" + one.text("name") + "': its reference has no array in the plan: export it anew");
@@ -279,6 +287,7 @@ class Line {
       slowed_ = p.part("slowing").doubles("f", nv_);
     }
   }
+  template <class Node>
   Member member(const Node& p) {
     const std::vector<int> place = p.ints("place"), rows = p.ints("rows");
     if (place.size() != 2 || rows.size() != 2)
@@ -302,10 +311,10 @@ class Line {
                  {},
                  {}};
     found.units = p.texts("units");
-    const int levels = static_cast<int>(rows_.size());
-    const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
+    const int levels = static_cast<int>(levels_.size());
+    const int most = found.level >= 0 && found.level < levels ? levels_[std::size_t(found.level)].m : 0;
     const int motions =
-        torque_ && found.level < 0 ? std::min(static_cast<int>(torque_->out().size()), laws_.total) : laws_.total;
+        torque() && found.level < 0 ? std::min(static_cast<int>(torque()->out().size()), laws_.total) : laws_.total;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
         rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions ||
         (!found.units.empty() && (found.level < 0 || found.units.size() != std::size_t(place[1] - place[0]) ||
@@ -326,30 +335,31 @@ class Line {
     if (slot.hold.size() != size)
       throw PlanError("element '" + found.name + "': its hold value has " + std::to_string(slot.hold.size()) +
                       " numbers, needed " + std::to_string(size) + ": export the plan anew");
-    if (size == 0) found.slot = -1;
+    if (size == 0 && !slot.elsewhere) found.slot = -1;
     return found;
   }
 
-  std::shared_ptr<const Plan> plan_;
-  Memory memory_;
-  Node root_;
   int nq_, nv_;
-  Kinematics kinematics_;
-  Assembly assembly_;
-  std::unique_ptr<LevelSolve> solve_;
+  double dt_;
+  int n_;
+  Parts parts_;
+  Foreign* foreign_;
+  SolveCall* solve_ = nullptr;
+  std::vector<Level> levels_;
+  int constraints_;
+  hqp::Law law_;
   Laws laws_{};
   std::vector<Slot> slots_;
   std::vector<std::string> slot_names_;
   std::vector<Member> members_;
   std::vector<const Member*> placed_;
-  std::vector<int> rows_, starts_;  // of each level, and its first among all
+  std::vector<int> starts_;  // of each level, its first among all
   std::vector<double> slacks_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
   double *slowing_ = nullptr, *slowed_ = nullptr;
   double* origin_ = nullptr;    // the torque that holds the robot up, where levels leave it to that
   std::vector<double> weight_;  // g, for it
-  std::unique_ptr<TorqueParts> torque_;
 };
 
 }  // namespace hqp

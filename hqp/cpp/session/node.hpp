@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "../rows/plan.hpp"
+#include "foreign.hpp"
+#include "parts.hpp"
 #include "plan_file.hpp"
 
 namespace hqp {
@@ -107,6 +109,22 @@ class Node : public PlanOf<Node> {
  private:
   const Json* told_;
   const Memory* memory_;
+};
+
+// What a session of a file is made of.
+class FileSource {
+ public:
+  static constexpr bool kLive = false;
+  explicit FileSource(std::shared_ptr<const Plan> plan)
+      : plan_(std::move(plan)), memory_(std::make_shared<Memory>(*plan_)) {}
+  Node root() const { return {plan_->root(), *memory_}; }
+  Parts parts() const { return made_of(root()); }
+  Foreign* foreign() const { return nullptr; }
+  std::shared_ptr<const void> kept() const { return std::make_shared<FileSource>(*this); }
+
+ private:
+  std::shared_ptr<const Plan> plan_;
+  std::shared_ptr<Memory> memory_;
 };
 
 }  // namespace hqp

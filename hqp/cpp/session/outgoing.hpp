@@ -23,6 +23,9 @@ struct Answered {
   const double *x, *slack;
   const std::int8_t* marks;
   const char* detail = "";
+  const double* points = nullptr;  // of stages, where it is theirs
+  std::size_t point_count = 0;
+  int iterations = 0, factorisations = 0;
 };
 
 // Whether slacks w (m) of an element's rows are beyond what rounding accounts for at these bounds: how far, and the

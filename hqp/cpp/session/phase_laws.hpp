@@ -11,9 +11,10 @@ namespace hqp {
 
 class PhaseLaws {
  public:
-  PhaseLaws(Line& line, std::size_t phases) : demands_(line.assembly().demands()), dt_(line.dt()) {
+  template <class Node>
+  PhaseLaws(const Node& root, Line& line, std::size_t phases) : demands_(line.assembly().demands()), dt_(line.dt()) {
     const std::vector<Member>& members = line.members();
-    for (const Node& one : line.root().parts("laws")) {
+    for (const Node& one : root.parts("laws")) {
       std::size_t m = 0;
       while (m < members.size() && members[m].name != one.text("name")) ++m;
       if (m == members.size())

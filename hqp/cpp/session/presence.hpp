@@ -14,6 +14,7 @@ class Presence {
  public:
   using Out = std::vector<bool>;  // of every member of the line, whether it is out
 
+  template <class Node>
   Presence(const Node& root, const std::vector<Member>& members)
       : said_(members.size(), 0), out_(members.size()), before_(members.size()) {
     const auto member = [&](const std::string& name) {

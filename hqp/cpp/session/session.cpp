@@ -7,6 +7,7 @@
 #include <cstdio>
 
 #include "guarded.hpp"
+#include "node.hpp"
 
 namespace hqp {
 
@@ -96,6 +97,7 @@ std::string Note::text() const {
       return "it cannot brake in time within its acceleration limit: its position limit will be exceeded by " +
              g3(amount) + " " + where;
     case Cause::kSolver:
+    case Cause::kForeign:
       return where;
     case Cause::kDynamics:
       return "the joint-space inertia is not positive definite";
@@ -114,7 +116,7 @@ const std::vector<double>& Reference::held() const {
 }
 const std::string& Reference::name() const { return session_->line().members()[member_].name; }
 
-Session::Session(std::shared_ptr<const Plan> plan) : guarded_(Guarded::made(std::move(plan))) {}
+Session::Session(std::shared_ptr<const Plan> plan) : guarded_(Guarded::made(FileSource(std::move(plan)))) {}
 Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;
@@ -126,11 +128,13 @@ const Tick& Session::step(const double* q, const double* v, double time) noexcep
   return step(q, v, time, std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count());
 }
 const Tick& Session::step(const double* q, const double* v, double time, double now) noexcept {
-  return guarded_->step(q, v, &time, now);
+  Guarded::Told told;
+  told.time = &time, told.now = now;
+  return guarded_->step(q, v, told);
 }
 const Tick& Session::tick() const { return guarded_->tick(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
-  guarded_->line().kinematics().integrate(q, v, dt, out);
+  guarded_->line().kinematics()->integrate(q, v, dt, out);
 }
 void Session::reset() { guarded_->reset(); }
 int Session::nq() const { return guarded_->line().nq(); }

@@ -72,6 +72,7 @@ enum class Cause {
   kSolver,     // the status says it
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
+  kForeign,    // what Python says of rows that it wrote
 };
 
 // What went wrong with which element, joint or part; made without allocation, its text when it is asked for.

@@ -101,6 +101,7 @@ class Workspace final : public hqp::SolveCall {
   void limit_stages(double seconds) { core_.limit_stages(seconds); }
   // Return the capsule for another native module.
   nb::capsule call() { return hqp::capsule_of(this); }
+  nb::capsule core() { return hqp::capsule_of_part(&core_, "hqp.level_solve"); }
 
   // Set the arguments of solution(): the class, the statuses by outcome, and the slices of each level.
   void report_as(const nb::object& solution, const nb::tuple& statuses, const nb::tuple& slack, const nb::tuple& active,
@@ -394,6 +395,7 @@ NB_MODULE(_lexicographic, m) {
       .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)
       .def("call", &Workspace::call)
+      .def("core", &Workspace::core)
       .def("limit", &Workspace::limit_exact, "seconds"_a)
       .def("limit_stages", &Workspace::limit_stages, "seconds"_a)
       .def("price", &Workspace::price, "hierarchy"_a)

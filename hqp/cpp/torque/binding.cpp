@@ -30,12 +30,8 @@ class Parts {
   nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> out() {
     return {core_.out().data(), {core_.out().size()}, nb::find(this)};
   }
+  nb::capsule core() { return hqp::capsule_of_part(&core_, "hqp.torque_parts"); }
   nb::capsule reactions() { return hqp::capsule_of(&core_.reactions()); }
-  nb::capsule before(const std::optional<nb::capsule>& next, const nb::capsule& limits) {
-    core_.before(next ? hqp::call_of(*next) : nullptr, hqp::limits_of(limits));
-    next_ = nb::make_tuple(next ? nb::object(*next) : nb::none(), limits);
-    return hqp::capsule_of(&core_);
-  }
 
  private:
   template <class Array>
@@ -47,7 +43,6 @@ class Parts {
 
   std::vector<nb::object> kept_;  // declared before the pointers into it
   hqp::TorqueParts core_;
-  nb::object next_;
 };
 
 }  // namespace
@@ -62,6 +57,6 @@ NB_MODULE(_torque, module) {
       .def("force", &Parts::force, "shift"_a.none())
       .def("hold", &Parts::hold, "J"_a.noconvert(), "g"_a.noconvert(), "tau"_a.noconvert())
       .def_prop_ro("out", &Parts::out)
-      .def("reactions", &Parts::reactions)
-      .def("before", &Parts::before, "next"_a.none(), "limits"_a);
+      .def("core", &Parts::core)
+      .def("reactions", &Parts::reactions);
 }

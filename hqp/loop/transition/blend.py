@@ -97,6 +97,8 @@ class Transition:
         self.cap = self.most = largest_change(kind, dt)
         """Largest change of a command in a tick; most: in this one."""
         self._at, self._s = 0, 0.0
+        self.taken = False
+        """Whether the second line of the pair has begun."""
         self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
         self._begun, self._felt = len(path) == 2, False
         self._go(lines, path)
@@ -173,7 +175,7 @@ class Transition:
         kept, given = self._kept, {reference.name: reference for reference in references}
         for name, last in self._given.items():
             if name not in given and last.finite:
-                kept[name] = copied(last)
+                kept[name] = Reference(**{**vars(copied(last)), "load": None})  # which was measured then
         for name in given:
             kept.pop(name, None)
         self._given = given
@@ -249,7 +251,7 @@ class Transition:
     def advance(self) -> None:
         """Take the next pair where this one is done."""
         if self._s >= 1.0 and self._at < len(self._lines) - 2:
-            self._at, self._s = self._at + 1, 0.0
+            self._at, self._s, self.taken = self._at + 1, 0.0, False
 
 
 def between(a: Vec, b: Vec, last: Vec, weight: float, joints: Index | slice) -> tuple[Vec, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,16 +11,15 @@ import numpy as np
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
-from hqp.errors import DeclarationError, DynamicsFailed
+from hqp.errors import DeclarationError
 from hqp.explanation.notes import Note, Notes, added, made, of_native
-from hqp.loop.compiled import Compiler
+from hqp.loop.compiled import Compiled, Compiler
+from hqp.loop.record import staged
 from hqp.loop.references import refuse
-from hqp.loop.stepping import held_tick
 from hqp.loop.tick import Tick
 from hqp.loop.transition.blend import Transition, surviving
 from hqp.loop.transition.waypoints import Waypoint, bearing
 from hqp.problem import Status
-from hqp.programs.direct import Direct
 
 if TYPE_CHECKING:
     from hqp.loop.line import Line
@@ -33,28 +33,23 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
         raise DeclarationError("change", "duration over", value=over, unit="s", allowed="0 or above")
     latest, under_way = line.latest, line.transition
-    ordinary = latest is not None and not Direct.staged(latest)
+    ordinary = latest is not None and line.held == 0 and not staged(latest)
     last = line.last_references
-    line.leave_direct()
     if under_way is not None:
         for each in under_way.pair:
-            each.leave_direct()
-            each.stay_general()
+            each.ease(None)
     points = compiler.way(line.compiled, stack) if over else [Waypoint(stack)]
     compiled = [compiler.compile(point.stack) for point in points]
-    holds = surviving(line.stack, line.references.holds, compiled[-1].stack)
-    found = line.successor(compiled[-1], holds)
+    holds = line.holds
     if not over:
-        return found
-    direct, others = line.direct, [line.successor(item, line.references.holds) for item in compiled[1:]]
-    lines = [each.stand_aside() for each in (line, *others)]
-    if under_way is None and len({id(each.program) for each in lines}) == len(lines):
-        for each in lines:  # each with rows and a solver of its own: ordinary ticks in one native call
-            each.direct_known = False
-        line.direct, line.direct_known = direct, direct is not None
-    elif under_way is not None and under_way.depth >= DEEPEST:
+        return successor(line, compiled[-1], surviving(line.stack, holds, compiled[-1].stack))
+    lines = [line, *(successor(line, item, holds) for item in compiled[1:])]
+    for each in lines:
+        each.native.aside()
+    if under_way is not None and under_way.depth >= DEEPEST:
         line.transition = None  # so many changes at a time: the oldest ones end here
     named = last if under_way is None else under_way.last_references
+    found = successor(line, compiled[-1], surviving(line.stack, holds, compiled[-1].stack))
     found.transition = Transition(lines, points, over, line.dt, line.program.kind, ordinary=ordinary, given=named)
     return found
 
@@ -69,11 +64,10 @@ def blended(
     if not transition.names.issuperset(names):
         stranger = next(r for r, name in zip(references, names, strict=True) if name not in transition.names)
         refuse(stranger, [element.name for element in line.stack])
-    if not second.references.current:
-        begin(transition, first, second, state)
+    if not second.begun and not transition.taken:
+        begin(transition, first, second)
     # each keeps the last x of its own: limits that stand around it (a window on acceleration) then bound how fast
     # its answer moves, not how far it may be from the blend
-    second.contacts = line.contacts
     kept = transition.outgoing(references)
     here = transition.here(state, names) if transition.released_rows else ()
     ease, asked = transition.ease, (*kept, *here)
@@ -90,6 +84,7 @@ def blended(
         waits, h = (), transition.target()
         ease.aim(b.x, h)
         a = beside(first, state, asked, now)
+    line.named = references
     if a.held or b.held:
         return held(line, second, state, b if b.held else a, transition.progress)
     last = line.x
@@ -102,57 +97,49 @@ def blended(
         second, b, status = first, a, a.status
     limited: tuple[Note, ...] = ()
     if reach > transition.most:
-        limited = of_native(second.outgoing.limit(line.guards.gradual, last, x))
-    if line.limiter is not None:
-        limited += of_native(second.outgoing.limit(line.limiter, last, x))
+        limited = of_native(second.native.limit(line.guards.gradual, last, x))
+    if line.guards.limiter is not None:
+        limited += of_native(second.native.limit(line.guards.limiter, last, x))
     if limited:
         transition.clipped()
         status = Status.worst(status, *(note.status for note in limited))
         told = added(told, limited)
-    line.send(x, state)
     b.follow(x, last, told, status, transition.progress)
+    line.latest, line.held, line.good = b.record, 0, True
     if transition.done:
         for each in (first, second):
-            each.leave_direct()
-            each.stop_easing()
+            each.ease(None)
         line.take_over(second)
     else:
         transition.advance()
     return b
 
 
-def begin(transition: Transition, first: Line, second: Line, state: State) -> None:
-    """The first tick of a pair: hold values of the second stack, its eased tasks, and its native loop."""
+def begin(transition: Transition, first: Line, second: Line) -> None:
+    """The first tick of a pair: hold values of the second stack, and its eased tasks."""
+    transition.taken = True
     ease = transition.ease
     if ease is not None:
-        eased = second if ease.second else first
-        eased.ease = ease
-        if eased.direct is not None:
-            eased.direct.before_solving(ease)
-    first.take_renewed()
-    second.references.holds = surviving(first.stack, first.references.holds, second.stack)
-    if second.direct_known or not state.valid or second.good is None:
-        return
-    try:
-        second.program.prepare(state)
-        second.references.take_holds(second.stack, state)
-    except (DynamicsFailed, np.linalg.LinAlgError):  # the general path tells
-        return
-    second.find_direct()
-    second.direct_known = second.direct is not None  # else after a tick
+        (second if ease.second else first).ease(ease)
+    second.hold(surviving(first.stack, first.holds, second.stack))
 
 
 def held(line: Line, second: Line, state: State, worst: Tick, progress: float) -> Tick:
     """A tick in which one of the two stacks has no usable answer."""
-    line.rest = second.rest  # of the contacts that the robot stands on now
-    tick = held_tick(line, state, worst.solution, worst.notes, fit=worst.fit)
-    tick.take_place_of(worst, progress)
-    return tick
+    line.held += 1
+    fit = worst.status not in (Status.INVALID_STATE, Status.DYNAMICS_FAILED)
+    last = line.x
+    x, notes = second.native.rest(last, line.good, line.held, fit, worst.status.severity)
+    told = tuple(note for note in worst.notes if note.element != "session")
+    worst.follow(np.array(x), last, (*told, *of_native(notes)), worst.status, progress)
+    worst.held = line.held
+    line.latest = worst.record
+    return worst
 
 
 def plain(tick: Tick) -> bool:
-    """Whether there is nothing to tell of an optimum that was one native call."""
-    return tick.native and not tick.unread and tick.status is Status.OPTIMAL
+    """Whether there is nothing to tell of an optimum."""
+    return not tick.unread and tick.status is Status.OPTIMAL
 
 
 def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
@@ -171,3 +158,8 @@ def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
 def beside(line: Line, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
     """A tick of one of two stacks, with the references that are its own."""
     return line.step(state, tuple([r for r in references if r.name in line]), now)
+
+
+def successor(line: Line, compiled: Compiled, holds: Mapping[str, Reference]) -> Line:
+    """A line of another stack that goes on where this one is."""
+    return type(line)(line.guards, compiled, holds, line)

@@ -12,7 +12,7 @@ from hqp import PD, P, Phase, Sequence
 from hqp.arrays import Mat, Vec
 from hqp.explanation.notes import STATUSES
 from hqp.export.loaded import HOLD, VALUE, LoadedSession
-from hqp.loop.plan_file.file import text
+from hqp.loop.file import text
 from tests.scenes.stacks import FORMULATIONS, ROBOTS, scene
 
 PRESENT, PHASE = 6, 7

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import hqp
-from hqp.loop.plan_file.arrays import plain
-from hqp.loop.plan_file.document import document
+from hqp.loop.arrays import plain
+from hqp.loop.document import document
 
 if TYPE_CHECKING:
     from hqp.loop.session import Session

@@ -2,26 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from hqp.arrays import Vec
-from hqp.declare.element import Element, Inequality, has
+from hqp.declare.element import Constraint, Element, Inequality, has
 from hqp.declare.plans import Constant
-from hqp.declare.robot import Robot
+from hqp.declare.robot import Robot, State
+from hqp.declare.safety import Braking, StateBounds
 from hqp.errors import DeclarationError
 from hqp.loop import phase_laws
-from hqp.loop.compiled import Compiled, Compiler
-from hqp.loop.contact_watch import assumed
-from hqp.loop.outgoing import largest_change
-from hqp.loop.presence import Presence
+from hqp.loop.guards import state_bounds
 from hqp.problem import Status
 from hqp.programs.assembly import LARGEST
+from hqp.solvers.lexicographic import levels
 from hqp.solvers.second_opinion import STUCK
+from hqp.solvers.stages import law_parts
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:
+    from hqp.declare.law import Law
+    from hqp.loop.compiled import Compiled
     from hqp.loop.session import Session
     from hqp.sequence import Sequence
+
+
+SENTENCES = [status.value for status in Status]
+"""Of each status, for solvers in Python."""
+
+
+def guards(
+    robot: Robot, bounds: StateBounds, braking: Braking, dt: float, deadline: float, max_age: float | None
+) -> dict[str, Any]:
+    """What comes in and goes out of every stack of a session."""
+    return {
+        "dt": dt,
+        "deadline": deadline,
+        "largest": LARGEST,
+        "violation": VIOLATION_TOLERANCE,
+        "statuses": [STUCK if status is Status.NOT_CERTIFIED else status.value for status in Status],
+        "state": state_bounds(robot, bounds, max_age),
+        "braking": braking,
+    }
+
+
+def live_tree(compiled: Compiled, home: State) -> dict[str, Any]:
+    """The tree of a session over the arrays of a program, with the parts that it shares with it.  home: of a twin."""
+    program = compiled.program
+    return {
+        **_tree(compiled, home, program.parts()),
+        **_phases(compiled, {}),
+        "guards": compiled.guards if compiled.native_solver else {**compiled.guards, "statuses": SENTENCES},
+        "solver": {
+            **levels(program.problem),
+            "stages": law_parts(program.problem) if any(program.problem.priced) else None,
+        },
+        "live": {
+            "kinematics": compiled.moving,
+            "assembly": program.assembly.native_rows,
+            "torque": None if program.kind != "torque" else program.dynamics.native,  # type: ignore[attr-defined]
+            "solver": compiled.workspace.native if compiled.native_solver else None,  # type: ignore[attr-defined]
+        },
+    }
 
 
 def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any], list[Vec]]:
@@ -32,31 +74,18 @@ def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any
     """
     if sequence is not None:
         sequence.require(session)
-    controller, robot = session.controller, session.robot.copy()
-    deadline = session.line.budget.deadline
-    compiled = Compiler(controller, robot, session.dt, deadline).compile(session.stack)
+    robot = session.robot.copy()
+    compiled = session.compiled_on(robot)
     program = compiled.program
     _require_native(compiled, robot)
     state = robot.state(robot.home)
     program.begin_direct(state, {element.name: element.hold(state) for element in compiled.stack})
-    motion = program.parts()
     moving = {"joints": robot.tree_joints, "frames": robot.placed_frames, "twists": robot.joint_twists}
+    laws = {} if sequence is None else sequence.laws()
     tree = {
-        "robot": _robot(robot),
-        "guards": {
-            "dt": session.dt,
-            "deadline": deadline,
-            "largest": LARGEST,
-            "violation": VIOLATION_TOLERANCE,
-            "gradual": largest_change(program.kind, session.dt),
-            "statuses": [STUCK if status is Status.NOT_CERTIFIED else status.value for status in Status],
-            "state": session.line.check.parts,
-            "rates": None if session.line.limiter is None else list(session.line.limiter.inverse),
-            "braking": controller.braking,
-        },
-        **_phases(compiled, sequence),
-        "elements": [_element(e, compiled, robot) for e in compiled.stack],
-        "motion": {**motion, **moving, "bodies": robot.bodies},
+        **_tree(compiled, state, {**program.parts(), **moving, "bodies": robot.bodies}),
+        **_phases(compiled, laws),
+        "guards": {**compiled.guards, "deadline": session.deadline},
         "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
     }
     placements = [body[-1] for body in robot.bodies] + [frame[-1] for frame in robot.placed_frames]
@@ -65,9 +94,17 @@ def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any
     return tree, scratch
 
 
-def _phases(compiled: Compiled, sequence: Sequence | None) -> dict[str, Any]:
+def _tree(compiled: Compiled, home: State, motion: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "robot": _robot(compiled.robot),
+        "elements": [_element(e, compiled, home) for e in compiled.stack],
+        "motion": motion,
+    }
+
+
+def _phases(compiled: Compiled, laws: Mapping[str, Mapping[str, Law]]) -> dict[str, Any]:
     """Who is out in which phase, and the laws there."""
-    found, laws = Presence(compiled.stack, compiled.program).parts, {} if sequence is None else sequence.laws()
+    found = compiled.presence.parts
     usual, known = found["phases"][0]["out"], [phase["name"] for phase in found["phases"]]
     found["phases"] += [{"name": name, "out": usual} for name in laws if name not in known]
     names = [phase["name"] for phase in found["phases"]]
@@ -113,11 +150,12 @@ def _refused(name: str, why: str) -> DeclarationError:
     return DeclarationError(name, f"cannot be exported: {why}", allowed="elements and solvers with native code")
 
 
-def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, Any]:
+def _element(element: Element, compiled: Compiled, home: State) -> dict[str, Any]:
     """Where the rows of an element are, and what to do where they are not usable."""
-    program, name = compiled.program, element.name
-    value = element.hold(robot.state(robot.home)).value
-    held = None if value is None else [float(x) for x in value.ravel()]
+    program, name, robot = compiled.program, element.name, compiled.robot
+    held = None
+    if name in program.live_targets and (value := element.hold(home).value) is not None:
+        held = [float(x) for x in value.ravel()]
     place, member = program.places.get(name), program.assembly.members.get(name)
     constant = None
     plan = getattr(element, "plan", None)
@@ -133,7 +171,12 @@ def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, An
         "place": [0, 0] if place is None else [place.part.start, place.part.stop],
         "rows": [0, 0] if member is None else [member.part.start, member.part.stop],
         "row_names": [] if place is None else list(element.row_names(robot)),
-        "units": compiled.watched.units(element) if element in compiled.watched.elements else [],
+        "units": compiled.units.get(name, []),
         "constant": constant,
         "hold": held,
     }
+
+
+def assumed(element: Element) -> bool:
+    """Whether every tick takes for granted that something bears the element."""
+    return isinstance(element, Constraint) and element.equality and element.quantity == "motion"
