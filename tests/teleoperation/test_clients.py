@@ -215,17 +215,20 @@ def test_only_true_takes_over(take_over: Any) -> None:
 
 
 @pytest.mark.parametrize("how", ["takes over", "comes after"])
-def test_a_new_operator_needs_a_new_squeeze(state: Any, how: str) -> None:
+def test_a_new_operator_needs_a_new_squeeze(state: Any, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The robot's hand does not go on by the grip of somebody who was not yet in control when closing it."""
+    now = 100.0
+    monkeypatch.setattr("hqp.teleoperation.follow.monotonic", lambda: now)
     follow = Follow(HAND, clutch=True, max_age=5.0)
     hands, home = Hands({"right": follow}), HAND.value(state)
 
     def act(sender: int, begin: int, engaged: bool, **more: Any) -> Any:
+        nonlocal now
         for i in range(begin, begin + 30):
             t = i / 72.0
+            now = 100.0 + t
             hands.take(grip(engaged, shift=2e-3 * i, sent=t, **more), sender)
             found = follow.reference(state)
-            time.sleep(0.002)
         return found.value[0, 3] - home[0, 3]
 
     assert act(1, 0, True) > 0.02
