@@ -57,6 +57,7 @@ class Callbacks:
         self.names = frozenset(e.name for e in self.own)
         self._forces = program.force_targets
         self._aimed = False
+        self._mine: list[Reference] = []
         self.holds = {name: held for name, held in holds.items() if name in self.names}
         self.without: dict[str, str] = {}
         self.faults: dict[str, tuple[int, str, bool]] = {}
@@ -78,7 +79,7 @@ class Callbacks:
             state.commanded = commanded
         if self.faults:
             self.faults.clear()
-        mine = [r for r in references if r.name in self.names and r.value is not None] if references else ()
+        self._mine = mine = [r for r in references if r.name in self.names and r.value is not None]
         for reference in mine:
             held, value = self.holds.get(reference.name), reference.value
             assert value is not None
@@ -113,6 +114,8 @@ class Callbacks:
             turn(self._workspace, [element.name in now for element in self._compiled.stack])
         for name in before - now:
             self.holds.pop(name, None)
+        if self._aimed:  # the program's targets are as declared again
+            self._aim(self._mine)
 
     def _take_holds(self, state: State) -> None:
         """Hold values of elements that have none yet."""

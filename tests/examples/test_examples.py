@@ -64,9 +64,6 @@ def test_every_element_is_in_a_program_and_has_a_picture(name: str) -> None:
     assert any(shown.search(page) for page in pages)
 
 
-FALLING = {"lean_on_a_table", "quadruped_paw"}
-
-
 @pytest.mark.parametrize("path", PROGRAMS)
 def test_it_runs(path: Path, tmp_path: Path) -> None:
     if path.stem in UNTESTED:
@@ -75,8 +72,6 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
         return
     if path.stem in NEEDS and importlib.util.find_spec(NEEDS[path.stem]) is None:
         pytest.skip(f"needs {NEEDS[path.stem]}")
-    if path.stem in FALLING:
-        pytest.xfail("misses its own bounds; passed at b13ed54, after the contact axes, cause not found")
     run(path, tmp_path, *ARGUMENTS.get(path.stem, []))
 
 
