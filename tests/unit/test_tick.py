@@ -148,6 +148,7 @@ def interrupted(rng: np.random.Generator, longest: float, *calls: Any) -> int:
             signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-6, longest))
             calls[k % len(calls)]()
             signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.getitimer(signal.ITIMER_REAL)  # an alarm of the last moment is raised within these lines
         except KeyboardInterrupt:
             count += 1
     return count
