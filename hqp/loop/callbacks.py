@@ -1,4 +1,4 @@
-"""What of a native tick is written in Python: rows of a user's own elements, other solvers, what no file can hold."""
+"""Parts of a native tick in Python: rows of a user's own elements, other solvers, laws that no file can hold."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Callbacks:
         return self.reads or self._program.kind == "torque" or not self._compiled.placed
 
     def begin(self, state: State | None, references: tuple[Reference, ...], commanded: Vec | None) -> bool:
-        """A tick with these references; whether native code cannot tell what they say, so that ``fill`` has to."""
+        """Begin a tick with these references; return true if ``fill`` has to write all rows."""
         self.state, self.references, self.solution = state, references, None
         if state is not None and self.reads:
             state.commanded = commanded
@@ -89,7 +89,7 @@ class Callbacks:
         return bool(self._forces) and not self.fills and self._aim(mine)
 
     def _aim(self, mine: Sequence[Reference]) -> bool:
-        """Take targets of forces; whether one is not finite or does not fit."""
+        """Take targets of forces; return true if one is not finite or does not fit."""
         given = {r.name: r for r in mine if r.name in self._forces}
         if not given and not self._aimed:
             return False

@@ -1,4 +1,4 @@
-"""What a native tick leaves: numbers behind one another, then marks of rows and a byte (hqp/cpp/session/live.hpp)."""
+"""Record of a native tick: numbers behind one another, then marks of rows and a byte (hqp/cpp/session/live.hpp)."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ ANSWERED, STAGED = 1, 2
 
 
 class Layout:
-    """Where the parts of a record are, for the ticks of one program."""
+    """Layout of the records of one program."""
 
     def __init__(self, program: Program, robot: Robot, *, moves: bool) -> None:
-        """moves: whether a record tells where q comes to."""
+        """moves: true if a record holds the next q."""
         problem, motors = program.problem, robot.actuated.size
         n, rows = problem.n, [level.m for level in problem.levels]
         sizes = (motors, n, n, sum(rows), 6, robot.nq, robot.nv, robot.nq if moves else 0)
@@ -46,7 +46,7 @@ class Layout:
         return np.frombuffer(record, FLOAT, part.stop - part.start, 8 * part.start)
 
     def x(self, record: bytearray) -> Vec:
-        """What was sent ``(n,)``, read-only."""
+        """The sent x ``(n,)``, read-only."""
         x = self._part(record, self._x)
         x.setflags(write=False)
         return x
@@ -70,7 +70,7 @@ class Layout:
         return self._part(record, self._moved).copy(), self._part(record, self._x).copy()
 
     def seconds(self, record: bytearray) -> tuple[float, float, float]:
-        """When the native call began, as ``perf_counter`` tells, and the time for rows and for the solver [s]."""
+        """Start of the native call on the clock of ``perf_counter``, and the time for rows and for the solver [s]."""
         begin, rows, solve, *_ = self._part(record, self._counts).tolist()
         return begin, rows, solve
 
@@ -80,7 +80,7 @@ class Layout:
         self._part(record, self._command)[:] = x if self._picks is None else x[self._picks]
 
     def solution(self, record: bytearray) -> Solution | None:
-        """What the solver gave, None where it was not asked."""
+        """Answer of the solver, None if it did not run."""
         if not record[-1] & ANSWERED:
             return None
         _, _, solve, iterations, factorisations, severity = self._part(record, self._counts).tolist()
@@ -104,5 +104,5 @@ class Layout:
 
 
 def staged(record: bytearray) -> bool:
-    """Whether the answer is that of stages."""
+    """Return true if the answer has stage points."""
     return record[-1] > ANSWERED

@@ -49,7 +49,7 @@ def retarget(
 
     motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.  robot:
     with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for None.
-    contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an.npz with
+    contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an .npz with
     contacts (and contact_names).  fps: frame rate of the result, the motion's own for None.  collision: False leaves
     out self-collision and links other than feet above the floor.  There is no clock in it: equal motions give equal
     bits.  Raises DeclarationError and ModelError for a misfit.

@@ -23,7 +23,7 @@ TURNS = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Ability:
-    """What a walk may ask of a robot.
+    """Limits of a walk on a robot.
 
     gait, reach: times and reach of steps.  width: distance of the feet side by side [m].  height: of the CoM above the
     ground [m].  gravity [m/s^2].

@@ -15,18 +15,9 @@ import hqp.tasks as t
 from hqp import Inequality, Level, P, Stack, Status
 from hqp.solvers.lexicographic import kernel
 from tests.loop.readable_tick import ReadableSession
+from tests.scenes.own_elements import ArmOnly
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmOnly(t.Position):
-    """Its rows are written in Python."""
-
-    def jacobian(self, state: Any) -> Any:
-        J = super().jacobian(state).copy()
-        J[:, :6] = 0.0
-        return J
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -89,7 +89,7 @@ def test_a_joint_that_moves_no_mass_is_told(tmp_path: Path) -> None:
     """Its row of the joint-space inertia is zero, which a session at torque level refuses."""
     path = write(tmp_path, mass="0", ixx="0")
     path.write_text(path.read_text().replace('ixx="0" iyy="0.02" izz="0.01"', 'ixx="0" iyy="0" izz="0"'))
-    with pytest.warns(ModelWarning, match=r"'elbow' move no mass"):
+    with pytest.warns(ModelWarning, match=r"no mass moves with 'elbow'"):
         hqp.robots.load(path, floating=False)
 
 

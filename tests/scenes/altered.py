@@ -13,13 +13,13 @@ from hqp.solvers.lexicographic import Lexicographic
 
 @dataclass
 class Answers:
-    """What becomes of the answer to a problem, to be set; as it is for None."""
+    """Change of every answer, set by a test; None leaves answers as they are."""
 
     alter: Callable[[Hierarchy, Solution], Solution] | None = None
 
 
 class AlteredWorkspace:
-    """That of the solver, its answers altered."""
+    """Workspace of the solver, with altered answers."""
 
     def __init__(self, whole: Workspace, answers: Answers) -> None:
         self._whole, self._answers = whole, answers

@@ -35,7 +35,7 @@ def reference(levels: list[Any], bounds: Any, n: int) -> Any:
 def test_it_is_the_optimum_of_the_hierarchy(seed: int) -> None:
     levels, bounds = drawn(seed)
     n = levels[0][0].shape[1]
-    hqp.solve_levels(*drawn(seed + 100))  # what was solved before does not matter
+    hqp.solve_levels(*drawn(seed + 100))  # an earlier problem does not change the answer
     found, same = hqp.solve_levels(levels, bounds), reference(levels, bounds, n)
     np.testing.assert_array_equal(found.x, same.x)
     np.testing.assert_allclose(found.residuals, same.norms[1:], atol=1e-12)

@@ -51,7 +51,7 @@ def stored(rows: Rows, n: int, rng: Generator) -> Rows:
 
 
 def check(case: Hierarchy, rng: Generator, tolerance: float = 1e-9) -> bool:
-    """Whether the problem and its other forms are solved for sure: then their answers agree."""
+    """Compare the answers of the problem and its other forms; return true if all are solved for sure."""
     solver = hqp.solvers.load("lexicographic")
     every = replace(case, levels=tuple(stored(rows, case.n, rng) for rows in case.levels), stacked=None)
     one = int(rng.integers(len(case.levels)))

@@ -17,6 +17,7 @@ from hqp import PD, Inequality, Level, P, Stack, Task
 from hqp.declare.element import REGISTRY, plan_of, selection_of
 from hqp.errors import HqpError
 from hqp.programs.assembly import Assembly
+from tests.scenes.own_elements import ArmOnly
 
 from .test_derivatives import CLASSES, NAMES, examples
 
@@ -24,16 +25,6 @@ from .test_derivatives import CLASSES, NAMES, examples
 @pytest.fixture(scope="module")
 def cbi() -> Any:
     return hqp.robots.load("cbi")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmOnly(t.Position):
-    """The base must not help."""
-
-    def jacobian(self, state: Any) -> Any:
-        J = super().jacobian(state).copy()
-        J[:, :6] = 0.0
-        return J
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -186,7 +186,7 @@ def test_a_hand_is_engaged_only_if_its_message_says_true(state: Any, engaged: An
 
 
 def test_one_sender_controls_until_another_takes_over(state: Any) -> None:
-    """Drawn messages of three senders: those of one are taken, and only "take_over" makes another one that one."""
+    """Drawn messages of three senders: one sender controls, and only "take_over" changes the sender in control."""
     rng = np.random.default_rng(0)
     follow = Follow(HAND, clutch=True)
     hands, holder, sent = Hands({"right": follow}), None, 0.0

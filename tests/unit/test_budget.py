@@ -71,7 +71,7 @@ def test_a_session_keeps_back_what_follows_the_solver() -> None:
 
 
 DELAY = [0.0]
-"""What the rows of ``Slow`` take [s]."""
+"""Time for the rows of ``Slow`` [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

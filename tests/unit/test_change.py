@@ -94,7 +94,7 @@ def test_an_element_that_returns_takes_a_fresh_hold_value(robot: Robot) -> None:
     palm = state.position(robot.landmarks["palms"][1])
     run.step(state)
     assert np.allclose(run.hold_values["hand"], palm)
-    assert not np.allclose(run.hold_values["com"], robot.state(q).com())  # that of home
+    assert not np.allclose(run.hold_values["com"], robot.state(q).com())  # the hold value at home
 
 
 def test_a_change_that_cannot_work_changes_nothing(robot: Robot) -> None:

@@ -86,7 +86,7 @@ def test_off_is_the_stack_without(kind: str, price: Any, robot: Robot) -> None:
 
 
 def test_rows_in_python_say_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of elements' own functions, without native operations, in a tick of its own."""
+    """Without native operations rows come from the elements' readable functions."""
     out = ("left", "hand")
     native, ticks = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
     monkeypatch.setattr("hqp.programs.assembly.native", None)
@@ -274,7 +274,7 @@ def test_a_switch_in_native_ticks_calls_little(kind: str, robot: Robot) -> None:
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_native_ticks_take_the_hold_values_of_what_comes_back(kind: str, robot: Robot) -> None:
-    """Those of ``hold``, of every task that has one, in the tick in which it comes back."""
+    """Every task takes the value of its ``hold`` in the tick in which it comes back."""
     stack = standing(kind)
     session = begin(stack, kind, robot)
     q, v = robot.home.copy(), np.zeros(robot.nv)

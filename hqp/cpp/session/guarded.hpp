@@ -296,7 +296,7 @@ class Guarded {
  private:
   using Clock = std::chrono::steady_clock;
 
-  // What the next step is told of one element: of value, velocity, acceleration and normal those whose bit is set.
+  // Reference of one element for the next step: value, velocity, acceleration and normal, a bit for each that is set.
   struct Given {
     std::vector<double> numbers[4];
     unsigned told = 0;

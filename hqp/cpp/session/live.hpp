@@ -180,8 +180,7 @@ class LiveSource {
 // The tick of a live session: references in, a record out.
 class LiveSession {
  public:
-  explicit LiveSession(const nb::object& tree)
-      : source_(tree), session_(hqp::Guarded::made(source_)), before_(std::size_t(session_->line().size())) {
+  explicit LiveSession(const nb::object& tree) : source_(tree), session_(hqp::Guarded::made(source_)) {
     const hqp::Line& line = session_->line();
     if (source_.foreign()) source_.foreign()->of(line.members(), line.rows());
     for (std::size_t m = 0; m < line.members().size(); ++m)
@@ -190,8 +189,7 @@ class LiveSession {
   }
   LiveSession(const LiveSession&) = delete;
 
-  // What the next step is told by references: -1, or the place of the first one that does not fit, of which nothing is
-  // kept.
+  // Take the references of the next step; return -1, or the index of the first one that does not fit, and discard it.
   int tell(const nb::tuple& references) {
     bool all = false;
     int at = 0;
@@ -239,7 +237,6 @@ class LiveSession {
     told.now = now;
     if (!angles.is_none()) told.angles = turned.data();
     if (!fault.is_none()) told.fault = (fault_ = nb::cast<std::string>(fault)).c_str();
-    before_ = session_->sent();
     const hqp::Tick* tick = nullptr;
     {
       const nb::gil_scoped_release release;
@@ -253,8 +250,8 @@ class LiveSession {
   // Notes on x where it goes no further from `last` than a limiter allows: it is changed.
   nb::list limit(const hqp::RateLimiter& limiter, const Vector& last, const Written& x) {
     nb::list found;
-    if (last.size() != before_.size() || x.size() != before_.size()) throw nb::value_error("x: wrong shape");
-    session_->outgoing().limit(limiter, last.data(), x.data(), [&](const hqp::Note& note) { found.append(of(note)); });
+    if (x.size() != last.size()) throw nb::value_error("x: wrong shape");
+    session_->outgoing().limit(limiter, sized(last), x.data(), [&](const hqp::Note& note) { found.append(of(note)); });
     return found;
   }
   bool measure(const std::string& name, double load) {
@@ -306,7 +303,7 @@ class LiveSession {
 
  private:
   const double* sized(const Vector& x) const {
-    if (x.size() != before_.size()) throw nb::value_error("x: wrong shape");
+    if (x.size() != std::size_t(session_->line().size())) throw nb::value_error("x: wrong shape");
     return x.data();
   }
   const hqp::Member* find(PyObject* name) const {
@@ -344,7 +341,7 @@ class LiveSession {
     all = all || field(given, fields_.gravity_normal).is_valid();
     if (member->slot < 0) return true;
     const hqp::Slot& slot = session_->line().slots()[std::size_t(member->slot)];
-    session_->forget(std::size_t(member->slot));  // what an earlier reference of it said
+    session_->forget(std::size_t(member->slot));  // an earlier reference of the same element is replaced
     const std::vector<int> rows{slot.rows}, three{3};
     const auto copy = [&](const nb::str& key, int what, const std::vector<int>& shape) {
       const nb::handle value = field(given, key);
@@ -411,7 +408,7 @@ class LiveSession {
   nb::str load_{"load"}, on_{"on"};
   std::string fault_;
   nb::object ahead_;
-  std::vector<double> before_, moved_;
+  std::vector<double> moved_;
 };
 
 }  // namespace binding

@@ -72,7 +72,7 @@ enum class Cause {
   kSolver,     // the status says it
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
-  kForeign,    // what Python says of rows that it wrote
+  kForeign,    // a fault of rows written in Python
 };
 
 // What went wrong with which element, joint or part; made without allocation, its text when it is asked for.
