@@ -6,8 +6,7 @@ from hqp.errors import HqpError
 
 try:
     import gymnasium  # pyright: ignore[reportMissingImports]
-    from gymnasium.vector.utils import batch_space  # pyright: ignore[reportMissingImports]
 except ImportError as error:
     raise HqpError(f"this adapter needs {error.name}, which is not installed: pip install 'hqp[gym]'") from error
 
-__all__ = ["batch_space", "gymnasium"]
+__all__ = ["gymnasium"]

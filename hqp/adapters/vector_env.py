@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.adapters.gymnasium_extra import batch_space, gymnasium
+from hqp.adapters.gymnasium_extra import gymnasium
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.export.batch import Batch
@@ -60,8 +60,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         size = sum(value.size for value in self._start.values())
         self.single_action_space = gymnasium.spaces.Box(-reach, reach, (size,), np.float32)
         self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (robot.nq + robot.nv,), np.float32)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
         self._rollout = rollout.Rollout(nthread=self._batch.threads)
         self._data = [type(self._plant.data)(self._plant.model) for _ in range(self._batch.threads)]
         self._order = self._motors()
