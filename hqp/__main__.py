@@ -143,12 +143,12 @@ def _robots(arguments: argparse.Namespace) -> int:
 def _capsules(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
-    from hqp.robots import capsules
+    from hqp.robots import capsule_files, capsules
 
     robot = read_robot(arguments)
     found = capsules.fitted(robot)
     path = Path(arguments.output or f"{Path(arguments.robot).stem}.capsules.toml")
-    path.write_text(capsules.text(robot, found))
+    path.write_text(capsule_files.text(robot, found))
     print(f"{path}: {len(found)} capsules")
     return 0
 

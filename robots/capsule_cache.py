@@ -1,4 +1,4 @@
-"""Fitted capsules in the user's cache, one file a model: fitting takes minutes for a robot of meshes."""
+"""Capsules of a robot: shipped ones, or fitted ones in the user's cache, as fitting takes minutes for many meshes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy as np
 from hqp.errors import ModelWarning
 from hqp.shapes import LinkCapsule
 
-from . import capsules
+from . import capsule_files, capsules
 from .surface import Surface
 
 FIT = 2
@@ -37,26 +37,39 @@ def folder() -> Path:
     return base / "hqp" / "capsules"
 
 
-def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
-    """Capsules around the links, fitted where the cache has none of this model, or a damaged file.
+def around(robot: Any) -> tuple[LinkCapsule, ...]:
+    """Capsules around the links: shipped for links of the same surface, from the cache, or fitted.
 
-    Warns (ModelWarning) when they have to be fitted, and where they cannot be kept; raises ModelError without shapes.
+    Warns (ModelWarning) when they have to be fitted, and when they cannot be kept; notes the links that have a fit of
+    their own beside shipped ones.  Raises ModelError without shapes.
     """
     surfaces = capsules.surfaces(robot)
+    known = capsule_files.shipped(robot, surfaces)
+    own = {joint: part for joint, part in surfaces.items() if joint not in known}
+    if not own:
+        return tuple(c for joint in surfaces for c in known[joint])
+    if known:
+        links = ", ".join(capsules.link_name(robot, joint) for joint in own)
+        robot.notes += (f"capsules that ship with hqp fit {len(known)} links; fitted to other shapes: {links}",)
+    found = _fitted(robot, own)
+    return tuple(c for joint in surfaces for c in known.get(joint) or (f for f in found if f.body == joint))
+
+
+def _fitted(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...]:
     path = _path(robot, surfaces)
     found = None if path is None else _read(path, surfaces)
     if found is not None:
         return found
     where = "they are not cached: the user has no cache folder" if path is None else f"they are cached in {path}"
-    told = f"{robot.name}: fitting capsules to its shapes; {where}"
-    warnings.warn(told, ModelWarning, stacklevel=3)
+    told = f"{robot.name}: fitting capsules to the shapes of {len(surfaces)} links; {where}"
+    warnings.warn(told, ModelWarning, stacklevel=4)
     found = capsules.fit_surfaces(robot, surfaces)
     if path is not None:
         try:
             _write(path, found)
         except OSError as error:
             told = f"{robot.name}: its capsules cannot be cached and are fitted at every start: {error}"
-            warnings.warn(told, ModelWarning, stacklevel=3)
+            warnings.warn(told, ModelWarning, stacklevel=4)
     return found
 
 

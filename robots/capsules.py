@@ -1,32 +1,20 @@
-"""Capsules around the links of a robot: fitted to their surfaces once, kept as TOML, read when a robot needs them.
-
-``hqp capsules ROBOT`` fits and writes them; the catalogue's are in ``robots/capsules``.
-"""
+"""Capsules around the links of a robot, fitted to their surfaces; ``hqp capsules ROBOT`` writes them as TOML."""
 
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.collision_library import coal
-from hqp.errors import ModelError
 from hqp.shapes import LinkCapsule
 
 from . import geometry
 from .surface import Surface, sphere, surface
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-FOLDER = Path(__file__).parent / "capsules"
 NEAR, SHARE = 0.01, 0.1
 """Points of the capsules are on average at most NEAR [m], or SHARE of the link's size, off the link's convex hull."""
 TIGHT = 0.8
@@ -41,27 +29,6 @@ _BALL, _DIRECTIONS = sphere(200), sphere(40)
 _POINT, _HERE, _REQUEST = coal.Sphere(_DOT), coal.Transform3s.Identity(), coal.DistanceRequest()
 
 Capsule = tuple[Vec, Vec, float]
-
-
-def stored(robot: Any, path: Path | None = None) -> tuple[LinkCapsule, ...] | None:
-    """Capsules of a file, by default that of the catalogue for the robot's name or file; None if there is none."""
-    names = [robot.name] + ([robot.source.stem] if robot.source is not None else [])
-    paths = [path] if path is not None else [FOLDER / f"{name}.toml" for name in names]
-    found = next((p for p in paths if p.is_file()), None)
-    if found is None:
-        return None
-    table = tomllib.loads(found.read_text())
-    try:
-        return tuple(_placed(robot, entry) for entry in table["capsule"])
-    except KeyError as error:
-        raise ModelError(f"{found}: capsules do not fit {robot.name}: {error}") from error
-
-
-def _placed(robot: Any, entry: dict[str, Any]) -> LinkCapsule:
-    index = robot.frame(entry["link"])
-    placement = robot.model.frames[index].placement
-    a, b = (tuple((placement * np.array(entry[end], dtype=np.float64)).tolist()) for end in ("a", "b"))
-    return LinkCapsule(entry.get("name", entry["link"]), robot.body(index), a, b, float(entry["radius"]))
 
 
 def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
@@ -279,22 +246,3 @@ def link_name(robot: Any, joint: int) -> str:
 
     bodies = (f.name for f in robot.model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY)
     return next(bodies, str(robot.model.names[joint]))
-
-
-def text(robot: Any, capsules: Sequence[LinkCapsule]) -> str:
-    """The capsules as TOML, ends in the axes of their links."""
-    lines = [
-        f"# Capsules around the shapes of {robot.name}, fitted by `hqp capsules`; ends in the link's axes [m].",
-        "format = 1",
-    ]
-    for c in capsules:
-        link = link_name(robot, c.body)
-        inverse = robot.model.frames[robot.frame(link)].placement.inverse()
-        a, b = (inverse * np.array(end) for end in (c.a, c.b))
-        lines += ["", "[[capsule]]", f'name = "{c.name}"', f'link = "{link}"']
-        lines += [f"a = {_row(a)}", f"b = {_row(b)}", f"radius = {c.radius + 1.5e-6:.6f}"]
-    return "\n".join(lines) + "\n"
-
-
-def _row(values: Iterable[float]) -> str:
-    return "[" + ", ".join(f"{float(x) + 0.0:.6f}" for x in values) + "]"

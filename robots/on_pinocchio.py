@@ -267,28 +267,28 @@ class Robot:
 
     @property
     def capsules(self) -> tuple[LinkCapsule, ...]:
-        """Capsules around the links: from ``with_capsules``, from the catalogue, or fitted to ``geometry``.
+        """Capsules around the links: from ``with_capsules``, or shipped or fitted ones around ``geometry``.
 
-        Fitting takes seconds, minutes for many meshes: it warns (ModelWarning), and the result is kept in the user's
-        cache (docs/collision.md).  Raises ModelError without shapes.
+        Shipped capsules are taken for links whose surface is that of the fit, whatever the file's name.  Fitting takes
+        seconds, minutes for many meshes: it warns (ModelWarning), and the result is kept in the user's cache
+        (docs/collision.md).  Raises ModelError without shapes.
         """
         if not self._capsules:
-            from . import capsule_cache, capsules
+            from . import capsule_cache
 
-            known, asked_for = capsules.stored(self), self._geometry
-            self._capsules.append(capsule_cache.fitted(self) if known is None else known)
-            self._geometry = asked_for  # meshes are large: shapes read for the fit are released
+            before = self._geometry
+            self._capsules.append(capsule_cache.around(self))
+            self._geometry = before  # meshes are large: shapes read for the fit are released
         return self._capsules[0]
 
     def with_capsules(self, capsules: str | Path | Sequence[LinkCapsule]) -> Robot:
         """Return a copy with capsules of a file of `hqp capsules`, or given ones; raises ModelError for a misfit."""
-        from .capsules import stored
-
         clone = self.copy()
-        found = stored(self, Path(capsules)) if isinstance(capsules, (str, Path)) else capsules
-        if found is None:
-            raise ModelError(f"no such file: {capsules}")
-        clone._capsules = [tuple(found)]
+        if isinstance(capsules, (str, Path)):
+            from . import capsule_files
+
+            capsules = capsule_files.read(self.copy(), Path(capsules))
+        clone._capsules = [tuple(capsules)]
         return clone
 
     def _shapes(self, kind: Literal["collision", "visual"]) -> Any:

@@ -14,9 +14,10 @@ import pytest
 import hqp
 from hqp import Level, P, Stack, shapes
 from hqp.collision_library import coal
-from hqp.robots import capsules
+from hqp.robots import capsule_files, capsules
 from hqp.tasks import CollisionAvoidance, JointLimits, Posture
 
+SHIPPED = sorted(path.stem for path in capsule_files.FOLDER.glob("*.toml") if "bimanual" not in path.stem)
 MASS = '<inertial><mass value="1"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
 BOX = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 FACES = np.array(
@@ -158,7 +159,9 @@ def test_shipped_capsules_contain_the_surface() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(p.stem for p in capsules.FOLDER.glob("*.toml") if "bimanual" not in p.stem))
+@pytest.mark.parametrize(
+    "name", sorted(p.stem for p in capsule_files.FOLDER.glob("*.toml") if "bimanual" not in p.stem)
+)
 def test_shipped_capsules_of_every_robot(name: str) -> None:
     robot = hqp.robots.load(name)
     judge(robot, robot.capsules)

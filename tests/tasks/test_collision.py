@@ -430,9 +430,9 @@ def test_a_robot_without_stored_capsules_says_so(tmp_path: Any, monkeypatch: pyt
     with pytest.warns(ModelWarning, match="fitting capsules"):
         (capsule,) = robot.capsules
     assert capsule.radius == pytest.approx(math.hypot(0.03, 0.03), rel=0.05)
-    from hqp.robots import capsules
+    from hqp.robots import capsule_files
 
     stored = tmp_path / "arm.toml"
-    stored.write_text(capsules.text(robot, robot.capsules))
+    stored.write_text(capsule_files.text(robot, robot.capsules))
     again = robot.copy().with_capsules(stored).capsules[0]
     np.testing.assert_allclose(again.a, capsule.a, atol=1e-6)
