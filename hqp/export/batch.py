@@ -28,7 +28,7 @@ Targets: TypeAlias = "Mapping[str, ArrayLike | tuple[ArrayLike, ...]]"
 
 @dataclass(frozen=True, slots=True)
 class BatchTick:
-    """What one step of all worlds gave.
+    """Result of one step of all worlds.
 
     commands ``(count, n_actuated)``, x ``(count, n)``, the answers that they are part of, ||w|| of every level
     ``(count, levels)``, status ``(count,)``: places in ``tuple(hqp.Status)``, later ones are worse.
@@ -41,20 +41,20 @@ class BatchTick:
 
     @property
     def solved(self) -> NDArray[np.bool_]:
-        """Where the answer is the optimum, ``(count,)``."""
+        """True for worlds with an optimal answer, ``(count,)``."""
         return np.isin(dlpack.numbers(self.status), [k for k, status in enumerate(STATUSES) if status.solved])
 
     def statuses(self) -> tuple[Status, ...]:
-        """Those of the worlds, by name."""
+        """Statuses of the worlds, by name."""
         return tuple(STATUSES[k] for k in self.status.tolist())
 
 
 class Batch:
     """``count`` sessions of one controller on one robot, stepped together.
 
-    A world keeps what a session does: hold values, warm start, the last command.  Its numbers depend neither on the
+    A world keeps the state of a session: hold values, warm start, the last command.  Its numbers depend neither on the
     other worlds nor on threads, 0 for as many as the machine has cores, nor on time: the controller's deadline does not
-    hold here.  dt [s].  Raises what ``Controller.session`` and ``Session.export`` raise, DeclarationError for a bad
+    hold here.  dt [s].  Raises the errors of ``Controller.session`` and ``Session.export``, DeclarationError for a bad
     count.
     """
 
@@ -144,7 +144,7 @@ class Batch:
     def reset(self, worlds: ArrayLike | None = None) -> None:
         """Begin anew in these worlds, by index or mask ``(count,)``, in all for None.
 
-        Raises DeclarationError for a world that is none.
+        Raises DeclarationError for an unknown world.
         """
         chosen = np.arange(self.count)
         if worlds is not None:

@@ -24,9 +24,9 @@ Target = ArrayLike | tuple[ArrayLike, ...]
 
 @dataclass(frozen=True, slots=True)
 class LoadedTick:
-    """What one step gave: command ``(n_actuated,)``, the answer x it is part of, ||w|| of every level.
+    """Result of one step: command ``(n_actuated,)``, the answer x it is part of, ||w|| of every level.
 
-    held: for how many ticks the command has been coming to rest because no answer was usable.
+    held: number of ticks in which the command has been coming to rest without a usable answer.
     """
 
     command: Vec
@@ -40,7 +40,7 @@ class LoadedTick:
 class LoadedSession:
     """The native session of a plan.  One thread at a time.
 
-    names: of the elements that take a reference.
+    names: elements that take a reference.
     """
 
     def __init__(self, file: bytes) -> None:
@@ -74,9 +74,9 @@ class LoadedSession:
         """One tick for q ``(nq,)`` and v ``(nv,)``, zero for None; targets and the phase hold for this tick only.
 
         A target is the value of the element's reference, such as ``hand.at(p).value``, or a tuple of value, velocity
-        and acceleration.  time, now [s]: of the state, which plans of a session with ``max_age`` ask for, and of this
+        and acceleration.  time, now [s]: of the state, needed by plans of a session with ``max_age``, and of this
         tick, that of ``time.monotonic`` for None.  Data never raises.  Raises UnknownReference, or DeclarationError for
-        a wrong shape or a phase that is not there.
+        a wrong shape or an unknown phase.
         """
         try:
             self._native.phase(phase or "")
@@ -99,7 +99,7 @@ class LoadedSession:
         return LoadedTick(command, x, residuals, STATUSES[status], of_native(notes), held)
 
     def on(self, name: str, present: bool) -> None:
-        """Whether an element is in, in the next step; DeclarationError for a contact at torque level."""
+        """Activate or deactivate an element in the next step; DeclarationError for a contact at torque level."""
         self._known(name)
         try:
             self._native.say(self._index[name], present)
@@ -107,11 +107,11 @@ class LoadedSession:
             raise DeclarationError(name, str(error).removeprefix(f"{name}: "), value=present) from None
 
     def hold(self, name: str, value: ArrayLike) -> None:
-        """What an element is held at from now on where it has no target."""
+        """Set the hold value of an element, used from now on without a target."""
         self._tell(name, HOLD, value)
 
     def held(self, name: str) -> Vec:
-        """What an element is held at, flat; zeros before the first step."""
+        """Hold value of an element, flat; zeros before the first step."""
         self._known(name)
         return np.array(self._native.held(self._index[name]))
 
@@ -148,5 +148,5 @@ class LoadedSession:
 
 
 def load(path: str | os.PathLike[str]) -> LoadedSession:
-    """The session of a file that ``Session.export`` wrote; raises HqpError for a file that is none of this version."""
+    """The session of a file that ``Session.export`` wrote; raises HqpError for a file of another version."""
     return LoadedSession(Path(path).read_bytes())

@@ -1,4 +1,4 @@
-"""What a descent from one start is: its end, its pace."""
+"""Terms of a descent from one start: its end, its pace."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ STEP = 0.8
 LEAST = 0.01
 """A step that makes things worse is halved down to this, then taken all the same [rad or m]."""
 STALLED, PROGRESS = 6, 0.7
-"""Steps without the first unmet level falling to this share of what it was, after which a start is given up."""
+"""Steps in which the first unmet level must fall to this share; else the start is given up."""
 POLISH = 0.01
 """Once the targets are met, steps go on while they are larger than this [rad or m]: levels below settle."""
 SETTLED = 1e-4
-"""Steps below this lead no nearer to what is out of reach [rad or m]."""
+"""Shorter steps lead no nearer to a target out of reach [rad or m]."""
 LAST = 30
 """Most steps of that kind."""
 STILL = 1e-9
@@ -26,7 +26,7 @@ Merit: TypeAlias = tuple[float, ...]
 
 
 class Descent(NamedTuple):
-    """Where a start ended: configuration, merit, steps taken, why it went no further, errors by element if known."""
+    """End of a start: configuration, merit, steps taken, reason of its end, errors by element if known."""
 
     q: Vec
     merit: Merit
@@ -36,5 +36,5 @@ class Descent(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether every target is within the tolerance."""
+        """True if every target is within the tolerance."""
         return max(self.merit) <= 1.0

@@ -13,10 +13,10 @@ T = TypeVar("T")
 
 
 class Kept(Generic[T]):
-    """At most ``size`` values of each robot by key, those not used for longest go first, all of them with the robot.
+    """Keep at most ``size`` values of each robot by key: the least recently used go first, all of them with the robot.
 
-    A value is made of a copy of the robot, for one that holds the robot itself would never let it go; home, which may
-    be set anew, is part of the key.
+    A value is made of a copy of the robot: a reference to the robot itself would keep it alive.  ``home``, which may
+    change, is part of the key.
     """
 
     def __init__(self, size: int) -> None:
@@ -24,7 +24,7 @@ class Kept(Generic[T]):
         self._values: WeakKeyDictionary[Robot, OrderedDict[Hashable, T]] = WeakKeyDictionary()
 
     def get(self, robot: Robot, key: Hashable, make: Callable[[Robot], T]) -> T:
-        """The value of a key, made of a copy where there is none; made each time for a key that has no hash."""
+        """Return the value of a key, made from a copy at first use; made each time for a key without a hash."""
         values, key = self._values.setdefault(robot, OrderedDict()), (key, robot.home.tobytes())
         try:
             value = values.pop(key, None)

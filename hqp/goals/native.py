@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 EXTRAORDINARY = 5
 REASONS = ("", "the solver found no solution", "no step improves it", "stalled", "step limit reached")
-"""How a native descent ended, by number; after the last of them the general path goes on."""
+"""Ends of a native descent, by number; after the last of them the general path continues."""
 
 
 class NativeDescents:
-    """Descents of one session in native code; ``descend`` gives None where the general path has to do it.
+    """Run descents of one session in native code; ``descend`` returns None if the general path must do it.
 
     members: the elements of each group, ``subject_to`` first.  guard_rate: share of the way to their bounds that rows
     of inequalities allow a step.  still, stalled: a smaller step ends a descent that has not met its targets, and so do
-    more steps that lead no further, None for any number.  Inequalities whose rows do not tell their violation, readable
+    more steps that lead no further, None for any number.  Inequalities whose rows lack their violation, readable
     rows, joints that are no ``tree_joints`` and references that are not finite are left to the general path.
     """
 
@@ -75,7 +75,7 @@ class NativeDescents:
         self._aimed = False
 
     def descend(self, q: Vec, tolerance: float, most: int, seconds: float) -> Descent | None:
-        """A descent from q, see ``Search.descend``; None where something is out of the ordinary."""
+        """Descend from q, see ``Search.descend``; return None in unusual cases."""
         native = self._ready()
         if native is None:
             return None
@@ -119,7 +119,7 @@ class NativeDescents:
 
 
 def told(element: Element, robot: Robot) -> bool:
-    """Whether the rows of an element tell its error: those of bounds do where a step goes a share of the way left."""
+    """Return true if the rows of an element hold its error; bounds do if a step goes a share of the remaining way."""
     from hqp.tasks import CollisionAvoidance, Cone, JointLimits, SupportPolygon, Within
 
     if isinstance(element, Within):

@@ -29,11 +29,11 @@ BASE = 0.1
 
 @dataclass(frozen=True)
 class Reached:
-    """What ``reach`` found.
+    """Result of ``reach``.
 
-    q ``(nq,)``: the configuration.  success: whether every target is within the tolerance.  reason: why not, "" where
-    it is.  residuals: by level, ``subject_to`` first, the norm of the errors of all its elements [m, rad].  errors: by
-    element, the norm of its error.  starts, steps: how many were taken.  time [s].
+    q ``(nq,)``: the configuration.  success: true if every target is within the tolerance.  reason: of a failure, else
+    "".  residuals: by level, ``subject_to`` first, the norm of the errors of all its elements [m, rad].  errors: by
+    element, the norm of its error.  starts, steps: their numbers.  time [s].
     """
 
     q: Vec
@@ -66,14 +66,14 @@ def reach(
 
     Each step is the exact hierarchy at gain 1, x with J x = -e level by level inside the limits (Gauss-Newton on strict
     levels), no coordinate by more than 0.8 rad or m, halved while it makes the first unmet level worse.  Targets are
-    the elements with a reference here and the members of ``subject_to``, which hold what they have at q0; elements
+    the elements with a reference here and the members of ``subject_to``, which hold their values at q0; elements
     without a reference hold that as well as the levels above allow and count for nothing.  Joint limits are kept
-    whether the stack names them or not.  Where levels exclude each other the result with the smallest first unmet
+    even if the stack does not name them.  If levels exclude each other the result with the smallest first unmet
     level is returned, ``success`` False.
 
-    tolerance [m, rad]: of the norm of each target's error.  restarts: random configurations inside the joint limits,
-    tried where a start stalls.  steps: at most, of one start.  budget [s]: of the search, a fifth more where the best
-    found has to settle on levels that cannot be met.  seed: of the restarts.
+    tolerance [m, rad]: on the norm of each target's error.  restarts: random configurations inside the joint limits,
+    tried where a start stalls.  steps: limit for one start.  budget [s]: limit for the search, a fifth more if the best
+    result must settle on levels that cannot be met.  seed: for the restarts.
     Raises DeclarationError without references or for bad numbers, ModelError for a q0 of another shape.
     """
     _check(stack, robot, references, q0, restarts=restarts, steps=steps, tolerance=tolerance, budget=budget)
@@ -99,7 +99,7 @@ def reach(
 
 
 def random_start(robot: Robot, q0: Vec, rng: np.random.Generator) -> Vec:
-    """Joints anywhere inside their limits, within half a turn where they have none; a free base near that of q0."""
+    """Draw joints inside their limits, within half a turn if they have none; a free base near that of q0."""
     lower, upper = np.maximum(robot.lower, -math.pi), np.minimum(robot.upper, math.pi)
     step = INSIDE * rng.uniform(lower, upper) - robot.state(q0).angles
     if robot.floating:

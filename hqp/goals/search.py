@@ -26,14 +26,14 @@ from .native import NativeDescents
 CAP = 0.5
 """Most of an error that one step goes for [m or rad]: more would only press joints against their limits."""
 TAU = 0.05
-"""Price of motion [s] where the targets are out of reach: what is nearly lost moves by 1/tau at most."""
+"""Price of motion [s] for targets out of reach: directions that are nearly lost move by 1/tau at most."""
 
 GUARD_RATE = 0.5
 """Share of the way to a bound, a collision for one, that one step may go."""
 
 
 class Compiled(NamedTuple):
-    """A session, its stack with what the robot adds, and live errors of its elements by name."""
+    """A session, its stack with the robot's own elements, and live errors of its elements by name."""
 
     session: Session
     stack: Stack
@@ -61,7 +61,7 @@ def steps_of(stack: Stack, robot: Robot) -> Stack:
 
 
 class Search:
-    """A stack compiled for steps of one second, and the errors that its rows tell."""
+    """Compile a stack for steps of one second; its rows hold the errors."""
 
     def __init__(self, stack: Stack, robot: Robot) -> None:
         from hqp.tasks import JointLimits
@@ -93,13 +93,13 @@ class Search:
 
     @property
     def calm(self) -> Compiled:
-        """The levels with a price on motion, for what is out of reach: it is slower and goes nearer."""
+        """The levels with a price on motion, for targets out of reach: slower, and the result is nearer."""
         if self._calm is None:
             self._calm = self._compiled(Price(tau=TAU))
         return self._calm
 
     def aim(self, q0: Vec, references: Sequence[Reference]) -> None:
-        """Take targets; every other element holds what it has at q0, and those of ``subject_to`` have to."""
+        """Take targets; every other element holds its value at q0, in ``subject_to`` as a constraint."""
         state = self.robot.state(q0)
         given = {reference.name: reference for reference in references}
         held = [e.hold(state) for elements in self._members for e in elements if e.name not in given]
@@ -111,16 +111,16 @@ class Search:
                 native.aim(self._references, self._targets)
 
     def errors(self, descent: Descent) -> dict[str, float]:
-        """Errors by element where a start ended, those of joint limits as well."""
+        """Errors by element at the end of a start, joint limits included."""
         errors = descent.errors
         if errors is None or any(errors[element.name] > 0.0 for element in self._limits):
             _, errors = self.step(descent.q, whole=True)
         return errors
 
     def step(self, q: Vec, whole: bool = False, calm: bool = False) -> tuple[Vec | None, dict[str, float]]:
-        """The step from q ``(nv,)``, None where there is no answer, and errors at q by element.
+        """The step from q ``(nv,)`` (None without an answer) and errors at q by element.
 
-        Joint limits, which no step from inside leaves, have an error only where the ``whole`` is asked for.
+        Joint limits, which no step from inside leaves, have an error only with ``whole``.
         """
         self._natively(calm).leave()
         state = self.robot.state(q)
@@ -133,7 +133,7 @@ class Search:
         return (np.array(tick.x) if tick.held == 0 else None), errors
 
     def _violation(self, element: Inequality, state: State) -> float:
-        """How far an inequality is violated [m or rad]."""
+        """Violation of an inequality [m or rad]."""
         value = (self._steered.get(element.name),) if element.steered else ()
         lower, upper = element.bounds(state, *value)
         return max(0.0, float(np.max(lower, initial=0.0)), float(np.max(np.negative(upper), initial=0.0)))
@@ -202,7 +202,7 @@ class Search:
 
 
 def advanced(merit: Merit, mark: Merit) -> bool:
-    """Whether the first group that is unmet has fallen, or is met."""
+    """Return true if the first unmet group has fallen or is met."""
     for now, then in zip(merit, mark, strict=True):
         if now != then:
             return now < PROGRESS * then or now == 1.0

@@ -34,10 +34,10 @@ def solve_ik(
 ) -> Vec:
     """The generalised velocity ``(nv,)`` [rad/s, m/s] of one step of ``levels`` at q, ``(nq,)``.
 
-    levels: a Stack, or its levels under ``subject_to``.  dt [s]: of the step to follow, ``robot.integrate(q, v, dt)``.
-    A session is kept for each robot, stack, dt and solver: elements without a reference hold what they had at its
+    levels: a Stack, or its levels under ``subject_to``.  dt [s]: step of ``robot.integrate(q, v, dt)``.
+    A session is kept for each robot, stack, dt and solver: elements without a reference hold their value of its
     first call, the acceleration window of ``JointLimits`` counts from the velocity of its last; fresh starts anew.
-    Raises NotSolved where no answer may be used, DeclarationError and ModelError for what does not fit.
+    Raises NotSolved without a usable answer, DeclarationError and ModelError for invalid input.
     """
     if not hasattr(robot, "nq"):
         raise DeclarationError("solve_ik", "not a robot", value=robot, allowed='hqp.robots.load("panda")')

@@ -1,4 +1,4 @@
-"""A posture that takes a task out of a trap, looked for by a thread beside the loop."""
+"""A posture that takes a task out of a trap, found by a thread beside the loop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .reaching import random_start
 from .search import Search
 
 TOLERANCE = 1e-3
-"""Of a target that a posture is to meet [m, rad]."""
+"""Tolerance of a posture's target [m, rad]."""
 
 RANDOM, STEPS, BUDGET = 24, 40, 1.0
 """Random starts after the others, steps of each, and the time for all [s]."""
@@ -28,14 +28,14 @@ PAUSE = 2.0
 """After a search in vain the next one waits for so long [s]."""
 
 MOVED = 0.02
-"""A target that is so far from where it was asks anew [m, rad]."""
+"""A target that moves by this starts a new search [m, rad]."""
 
 
 class Query:
     """Looks for a posture that meets a level and leaves all above it no worse than they are.
 
     It starts from where the robot is, from its home, from both turned about the vertical where the base is free, and
-    from random configurations.  done: whether the search has ended.  posture: what it found, None for nothing.
+    from random configurations.  done: true once the search has ended.  posture: its result, None without one.
     """
 
     def __init__(self, stack: Stack, robot: Robot, q: Vec, references: tuple[Reference, ...], level: int) -> None:
@@ -46,7 +46,7 @@ class Query:
         Thread(target=self._run, name="hqp way out").start()  # a daemon would be killed inside of native code
 
     def outdated(self, q: Vec, references: tuple[Reference, ...]) -> bool:
-        """Whether the search has ended and tells nothing of these targets, or found nothing a while ago."""
+        """Return true if the search has ended for other targets, or failed a while ago."""
         if not self.done:
             return False
         if self.posture is None:
