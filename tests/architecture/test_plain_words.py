@@ -43,7 +43,7 @@ CEILINGS = {
     "docs/elements": (45, 50, 20, 40),
     "docs/pictures": (30, 80, 15, 10),
     "examples": (30, 70, 15, 50),
-    "hqp/cpp/priced": (185, 105, 95, 10),
+    "hqp/cpp/priced": (70, 25, 25, 10),
     "hqp/cpp/session": (190, 150, 105, 65),
     "hqp/loop": (210, 155, 55, 80),
     "tests/architecture": (30, 180, 15, 10),

@@ -1,5 +1,5 @@
-// Which element holds which back, from the multipliers of the kernel and of the stages: a few products of what the
-// latest solve left behind.
+// Shares by which elements hold each other back, from the multipliers of the kernel and of the stages: a few products
+// with results of the latest solve.
 #pragma once
 
 #include <algorithm>
@@ -13,10 +13,10 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kUnmet = 1e-9;  // ||w|| below this, relative to 1 + what was asked, has no account
+constexpr double kUnmet = 1e-9;  // ||w|| below this, relative to 1 + |target|, has no account
 
-// How a stage ended: rows of levels above that were held, by their number among all rows, their multipliers in
-// A_k'u + c grad E + grad R_k = sum lambda_i a_i, and whether they were equalities there.
+// End of a stage: active rows of higher levels, by their number among all rows, their multipliers in
+// A_k'u + c grad E + grad R_k = sum lambda_i a_i, and a flag for equalities.
 struct StageEnd {
   bool known = false;
   std::vector<int> rows;
@@ -30,9 +30,9 @@ class Accounts {
       : n_(n), level_(levels), g_(padded(n)), y_(padded(n)), b_(padded(n)), step_(padded(n)) {}
 
   // numbers (elements, 4): ||w||, ||w|| at the point of least motion, ||A'w||, the largest that A'w could be.
-  // shares (levels, elements + 1): of level k's push A_k'w what each element above holds, its price last, each
-  // divided by their sum; zero where the level is met.  worth (levels): c ||y_k||, what more motion would bring.
-  // What a row holds counts for the price where it binds in the stage alone, and further than rows.near from rest.
+  // shares (levels, elements + 1): parts of level k's push A_k'w that each higher element holds, its price last, each
+  // divided by their sum; zero if the level is met.  worth (levels): c ||y_k||, the gain by more motion.
+  // A row's part counts for the price if the row binds in the stage alone, and further than rows.near from rest.
   void run(Motions& motions, const double* prices, const std::vector<StageEnd>& ends,
            const std::vector<Anchor>& anchors, const AccountRows& rows, double* numbers, double* shares,
            double* worth) {
@@ -96,7 +96,7 @@ class Accounts {
   }
 
  private:
-  // A row by its number among all.
+  // Product of a row, by its number among all, with x.
   double product(int row, const double* x) const {
     std::size_t k = 0;
     while (row >= level_[k].m) row -= level_[k++].m;
@@ -115,7 +115,7 @@ class Accounts {
     return y_.data();
   }
 
-  // Whether an inequality binds at the answer, or close to rest.
+  // Return true if an inequality binds at the answer, or close to rest.
   bool holds(int row, double lambda, const AccountRows& rows, const Coordinates& at) {
     int i = row;
     std::size_t k = 0;
@@ -156,7 +156,8 @@ class Accounts {
     at.step(g_.data(), step_.data());
   }
 
-  // What unmet levels above level k hold by the motion beyond their own points, each row its part.  price: of motion.
+  // Add the parts that rows of unmet levels above level k hold by motion beyond those levels' points.  price: of
+  // motion.
   void by_anchors(Motions& motions, const std::vector<Anchor>& anchors, int k, const double* x, double price,
                   const std::int32_t* owner, double* mine) {
     const int count = motions.count();

@@ -1,10 +1,10 @@
-// What an unmet level a leaves to a level k below it (docs/calm.md): its rows stay near y_a = A_a x_a, and motion
-// beyond x_a costs by how long the columns of those rows are,
+// Anchors of an unmet level a in a lower level k (docs/calm.md): its rows stay near y_a = A_a x_a, and motion beyond
+// x_a costs by the length of those rows' columns,
 //   ||v_a||^2 / (2 eta c_a omega_a) + t_a omega_a^2 / 2 sum_j d_aj^2 (F (x - x_a))_j^2,
 //   d_aj^2 = ||B_a A_a F^+ e_j||^2 + ||B_a A_a N_a F^+ e_j||^2,
-// v_a = A_a x - y_a for equalities, for inequalities what their slack grows by, B_a = diag(1 or |w_ai| / omega_a), N_a
-// the projection off the equality rows that the levels above a left.
-// The second term only weighs the rows of F anew: with E it is again a motion, of other numbers.
+// v_a = A_a x - y_a for equalities, the growth of their slack for inequalities, B_a = diag(1 or |w_ai| / omega_a), N_a
+// the projection onto the null space of the equality rows above a.
+// The second term only rescales the rows of F: its sum with E is again a motion.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// Of what rows miss: a direction counts only if a step as long as 1 + |x| along it can meet more than this share.
+// A direction counts only if a step of length 1 + |x| along it can meet more than this share of the rows' residual.
 constexpr double kMissed = 1e-7;
 
 struct Anchor {
@@ -26,15 +26,15 @@ struct Anchor {
   double give = 0.0;         // eta c_a omega_a
   double turning = 0.0;      // t_a omega_a^2
   std::vector<char> held;    // (m,) rows that are anchored
-  std::vector<double> low;   // (m,) where they cost nothing: y_ai, or from the lower to the upper bound and y_ai
+  std::vector<double> low;   // (m,) range without cost: y_ai, or from the lower to the upper bound and y_ai
   std::vector<double> high;
-  std::vector<double> part;    // (m,) of B_a
-  std::vector<double> share;   // (m, rows of F) of each row in d_aj^2
+  std::vector<double> part;    // (m,) diagonal of B_a
+  std::vector<double> share;   // (m, rows of F) part of each row in d_aj^2
   std::vector<double> weight;  // (rows of F,) t_a omega_a^2 d_aj^2
   std::vector<double> from;    // (rows of F,) F x_a
 };
 
-// The motion of a hierarchy, F (r, n), or a diagonal where r = 0, or the identity, and the motion of its stages.
+// The motion of a hierarchy, F (r, n), or a diagonal if r = 0, or the identity, and the motion of its stages.
 class Motions {
  public:
   Motions(int n, double flat)
@@ -49,7 +49,7 @@ class Motions {
         step_(padded(n)),
         part_(n) {}
 
-  // Memory for r rows of F (0 for a diagonal), and levels of at most that many rows.
+  // Reserve memory for r rows of F (0 for a diagonal) and levels of at most `most` rows.
   void reserve(int r, int most) {
     const int count = r ? r : n_;
     for (auto* part : {&weight_, &mean_}) part->reserve(count);
@@ -67,7 +67,7 @@ class Motions {
     held_ = flats_ = 0;
   }
 
-  // One more equality row that levels above anchors leave.
+  // Add an equality row of the levels above the anchors.
   void hold(const double* a) {
     base_.row(a, row_.data());
     const int moving = base_.rank();
@@ -88,13 +88,13 @@ class Motions {
   bool diagonal() const { return r_ == 0; }
   int count() const { return count_; }  // rows of F
 
-  // F_jj where F is a diagonal.
+  // F_jj of a diagonal F.
   double size(int j) const { return F_ ? F_[j] : 1.0; }
   const double* row(int j) const { return F_ + static_cast<std::size_t>(j) * n_; }
   // (F x)_j.
   double moved(int j, const double* x) const { return r_ ? dot_any(row(j), x, n_) : size(j) * x[j]; }
 
-  // The anchor of a level that ended unmet at x, its rows, what they are worth and how far they are off given.
+  // The anchor of a level that ended unmet at x, from its rows, their weights and residuals.
   template <class Row>
   void complete(Anchor& anchor, double turning, const double* x, const Row& row_of) {
     anchor.turning = turning * anchor.omega * anchor.omega;
@@ -113,7 +113,7 @@ class Motions {
     }
   }
 
-  // weight (count,) and mean (count,) of E, or of 0 E, and what the anchors add: the sum of
+  // weight (count,) and mean (count,) of own E plus the anchors' second terms: the sum of
   // weight_j ((F x)_j - mean_j)^2 / 2.
   void weigh(const std::vector<Anchor>& anchors, double own) {
     weight_.assign(count_, own);
@@ -131,7 +131,7 @@ class Motions {
   double weight(int j) const { return weight_[j]; }
   double mean(int j) const { return mean_[j]; }
 
-  // Coordinates y in which E and what the anchors add to it is |y|^2 / 2.
+  // Coordinates y in which E plus the anchors' second terms is |y|^2 / 2.
   Coordinates& among(const std::vector<Anchor>& anchors) {
     if (anchors.empty()) return base_;
     weigh(anchors, 1.0);
@@ -143,8 +143,8 @@ class Motions {
     return here_;
   }
 
-  // Coordinates y in which ||w||^2 / 2 of the equality rows of a level and what the anchors add to it is |y|^2 / 2.
-  // x: the point that the stage goes on from, see kMissed.
+  // Coordinates y in which ||w||^2 / 2 of a level's equality rows plus the anchors' second terms is |y|^2 / 2.
+  // x: the start of the stage, see kMissed.
   Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors, const double* x) {
     weigh(anchors, 0.0);
     if (!r_ && !level.A) return diagonal(&level);
@@ -180,7 +180,7 @@ class Motions {
       for (; j < n_; ++j) sum[j] += scale * row_[j] * row_[j];
       return;
     }
-    std::fill(row_.begin() + base_.rank(), row_.end(), 0.0);  // F^+ has no direction without motion
+    std::fill(row_.begin() + base_.rank(), row_.end(), 0.0);  // F^+ excludes directions without motion
     base_.step(row_.data(), step_.data());
     for (int j = 0; j < r_; ++j) {
       const double part = dot_any(row(j), step_.data(), n_);
@@ -188,13 +188,13 @@ class Motions {
     }
   }
 
-  // row_ off rows that are orthonormal from that entry on.
+  // Project row_ off rows that are orthonormal from entry `from` on.
   void off(const std::vector<double>& rows, int count, int from) {
     dots_any(row_.data() + from, rows.data() + from, ld_, count, lanes(n_) - from, part_.data());
     add_rows(row_.data(), rows.data(), ld_, count, -1.0, part_.data(), 1, lanes(n_));
   }
 
-  // row_ up to an entry as one more of them, where more than this is left of it from the other on.
+  // Append row_ up to entry `to` to these rows if more than `least` of it remains from `from` on.
   bool take(std::vector<double>& rows, int& count, int from, int to, double least) {
     const double left = std::sqrt(dot_any(row_.data() + from, row_.data() + from, to - from));
     if (!(left > least)) return false;
@@ -203,7 +203,7 @@ class Motions {
     return true;
   }
 
-  // Of a diagonal F, and of a level whose rows pick one variable each.
+  // Coordinates of a diagonal F, and of a level whose rows pick one variable each.
   Coordinates& diagonal(const PricedLevel* level) {
     stack_.resize(n_);
     target_.resize(n_);
@@ -227,7 +227,7 @@ class Motions {
     return to;
   }
 
-  // Rows of F weighed by the anchors, but for those whose square is no more than this, lost beside any row.
+  // Append rows of F weighted by the anchors; skip squares of at most `least`, lost beside any row.
   void push_motion(double least) {
     for (int j = 0; j < count_; ++j) {
       const double* a = r_ ? row(j) : picked(j, size(j));
@@ -256,8 +256,8 @@ class Motions {
   const double *F_ = nullptr, *f_ = nullptr;
   Coordinates base_, here_, over_;
   int ld_, held_ = 0, flats_ = 0;
-  std::vector<double> basis_, flat_;  // rows held, in motion coordinates: orthonormal where they see motion alone, and
-                                      // where they see directions without motion
+  std::vector<double> basis_, flat_;  // held rows in motion coordinates: orthonormal in motion alone, and in directions
+                                      // without motion
   std::vector<double> row_, step_, part_, weight_, mean_, stack_, target_;
 };
 

@@ -1,6 +1,6 @@
-// x = still + P y with E(x) = |y|^2 / 2: y is the motion away from the point of least motion.  Where F leaves
-// directions free, F = Q [T 0] Z' with T (rank, rank) triangular and Z orthogonal: coordinates from rank on are those
-// directions, which cost next to nothing.
+// x = still + P y with E(x) = |y|^2 / 2: y is the motion away from the point of least motion.  If F has a null space,
+// F = Q [T 0] Z' with T (rank, rank) triangular and Z orthogonal: coordinates from rank on span the null space, at
+// almost no cost.
 #pragma once
 
 #include <algorithm>
@@ -13,15 +13,14 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFreeShare = 1e-5;  // of the least pivot of T: next to nothing
-constexpr double kLost =
-    1e-8;  // of a row of a level: directions that it sees less; sizes further apart lose all digits of a sum
-constexpr double kNearlyFree = 1e-6;  // what a unit of them counts, of the least that it sees
+constexpr double kFreeShare = 1e-5;  // cost of a null-space coordinate, relative to the least pivot of T
+constexpr double kLost = 1e-8;  // share of a row's length below which it ignores a direction: a sum loses all digits
+constexpr double kNearlyFree = 1e-6;  // cost of such a direction, relative to the least that the row has
 
 class Coordinates {
  public:
-  // flat: a direction whose motion is this fraction of the largest column of F has none.  free: what a unit of it
-  // counts, of the least pivot of T; by_row: flat is of each row of F, which may differ much in length.
+  // flat: a direction whose motion is below this fraction of the largest column of F has none.  free: its cost,
+  // relative to the least pivot of T; by_row: flat is relative to each row of F, whose lengths may differ much.
   Coordinates(int n, double flat, double free = kFreeShare, bool by_row = false)
       : n_(n),
         ld_(padded(n)),
@@ -40,14 +39,14 @@ class Coordinates {
     Z_.reserve((all + 1) * (all + 1) / 4 + all + 1);
   }
 
-  // Memory for that many rows of F.
+  // Reserve memory for r rows of F.
   void reserve(int r) {
     columns_.reserve(static_cast<std::size_t>(n_ + 1) * padded(r));
     rows_.reserve(r);
   }
 
-  // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
-  // near: by_row_, how long a step along a direction may be that meets what is left of f, 0 for any length.
+  // F: (r, n), or its diagonal if r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
+  // near: with by_row_, longest step along a direction that may meet the remaining f, 0 for any length.
   void set(const double* F, const double* f, int r, double near = 0.0) {
     diagonal_ = r == 0;
     near_ = near;
@@ -66,36 +65,36 @@ class Coordinates {
     }
   }
 
-  // The same for rows more_j F_j of an F whose own coordinates, base, find the directions without motion.
+  // Set rows more_j F_j; `base`, the coordinates of F itself, has the directions without motion.
   void set(const Coordinates& base, const double* F, const double* f, int r) {
     near_ = 0.0;
     factor(F, f, r, &base);
   }
 
-  // What a unit of each coordinate is worth in those of x, (n,).
+  // Length in x of a unit of each coordinate, (n,).
   void grade(double* worth) const {
     for (int i = 0; i < n_; ++i)
       worth[i] = diagonal_   ? std::fabs(inverse_[i])
                  : i < rank_ ? std::fabs(T_[static_cast<std::size_t>(i) * ld_ + i])
                              : free_;
   }
-  // Whether coordinate j is motion.
+  // Return true if coordinate j is motion.
   bool moves(int j) const { return diagonal_ ? !flat_at_[j] : j < rank_; }
 
-  // Of that many variables, at most as many as at first.
+  // Use n variables, at most as many as at first.
   void resize(int n) {
     n_ = n;
     still_.resize(n);
   }
 
-  // A length in x that is rounding: a row that sees no more of a direction without motion does not see it.
+  // Set the rounding length in x: a row with no more in a direction without motion has no part in it.
   void rounding(double length) { rounding_ = length; }
 
   const double* still() const { return still_.data(); }
   bool diagonal() const { return diagonal_; }
   int rank() const { return rank_; }
 
-  // The entry of a row that picks x_i, where E is diagonal.
+  // The entry of a row that picks x_i, for a diagonal E.
   double picked(int i, double scale) const { return scale * unit_[i]; }
 
   // b (n, in whole vectors) = a P for a row a of x.
@@ -113,7 +112,7 @@ class Coordinates {
     for (int i = rank_; i < n_; ++i) b[i] = std::fabs(b[i]) <= rounding_ ? 0.0 : b[i] / free_;
   }
 
-  // An orthonormal basis of the directions that are motion, or of those that are none, (count, n); the count.
+  // Write an orthonormal basis of the directions of motion, or of the others, (count, n); return the count.
   int basis(bool motion, double* rows) const {
     int count = 0;
     for (int j = 0; j < n_; ++j) {
@@ -129,7 +128,7 @@ class Coordinates {
     return count;
   }
 
-  // b (n, zeros) = the row that picks x_i, as row().
+  // b (n, zeros) = the row that picks x_i, like row().
   void picked_row(int i, double scale, double* b) const {
     if (diagonal_) {
       b[i] = picked(i, scale);
@@ -140,7 +139,7 @@ class Coordinates {
     row(work_.data(), b);
   }
 
-  // |A P - B|^2 over all entries of m rows, where E is diagonal.
+  // |A P - B|^2 over all entries of m rows, for a diagonal E.
   double apart(const double* A, const double* B, int m) const {
     const double* unit = unit_.data();
     const auto off = [unit](const double* a, const double* b, int j) -> Vec4 {
@@ -189,7 +188,7 @@ class Coordinates {
     for (int i = 0; i < n_; ++i) x[i] += still_[i];
   }
 
-  // The gradient, in x, of what directions without motion count in |y|^2 / 2.
+  // The gradient, in x, of the part of directions without motion in |y|^2 / 2.
   double flat_pull(const double* y) const {
     double square = 0.0;
     for (int i = 0; i < n_; ++i)
@@ -197,7 +196,7 @@ class Coordinates {
     return std::sqrt(square) * free_;
   }
 
-  // Directions without motion count from where y (n) is, which goes on in these coordinates.
+  // Move the origin of directions without motion to y (n), and y with it.
   void count_flat_from(double* y) {
     y_.assign(ld_, 0.0);
     for (int i = 0; i < n_; ++i)
@@ -207,7 +206,7 @@ class Coordinates {
   }
 
  private:
-  // The i-th reflection of Z: of entries i and rank to n.
+  // Apply the i-th reflection of Z, on entries i and rank to n.
   void turn(int i, double* b) const {
     const int free = n_ - rank_;
     if (free == 0) return;
@@ -217,7 +216,7 @@ class Coordinates {
     add_any(b + rank_, v, -s, free);
   }
 
-  // The reflection that leaves of column k nothing below row k, on the columns from k to `count`; the pivot is there.
+  // Reflect columns k to `count` so that column k is zero below row k; the pivot stands there already.
   void reflect_from(int k, int count, int width, int r) {
     double* v = &columns_[static_cast<std::size_t>(k) * width];
     const double length = std::sqrt(dot_any(v + k, v + k, r - k));
@@ -233,8 +232,8 @@ class Coordinates {
     std::fill(v + k + 1, v + r, 0.0);
   }
 
-  // Reflections with columns in order of what is left of them, or that of other coordinates, and others from the right
-  // for what is beyond the rank.
+  // Reflect with columns in order of their remainders, or in the order of `base`, then from the right for entries
+  // beyond the rank.
   void factor(const double* F, const double* f, int r, const Coordinates* base) {
     const int width = padded(r);
     diagonal_ = false;
@@ -292,8 +291,8 @@ class Coordinates {
     std::sort(rows_.begin(), rows_.end());
   }
 
-  // The column of which the most is left below row rank_, -1 where no column sees more; what is left is found anew
-  // where it was taken from much more.
+  // The column with the largest remainder below row rank_, -1 without one; a remainder is computed anew if it was
+  // subtracted from a much larger number.
   int best_column(int width, int r) {
     int best = rank_;
     for (int j = rank_; j < n_; ++j)
@@ -313,8 +312,8 @@ class Coordinates {
     return -1;
   }
 
-  // Whether what is left of a column is more than rounding: of the longest column, or by_row_ of each row's length,
-  // and no step beyond near_ is needed to meet what is left of f.
+  // Return true if the remainder of a column is more than rounding, relative to the longest column or (by_row_) to each
+  // row, and a step within near_ meets the remaining f.
   bool sees(int j, int width, int r) const {
     const double* c = &columns_[static_cast<std::size_t>(j) * width];
     if (!by_row_) return dot_any(c + rank_, c + rank_, r - rank_) > least_;
@@ -328,7 +327,7 @@ class Coordinates {
     return false;
   }
 
-  // T and Z of the columns: rows of the triangle lose what is beyond the rank, the last first.
+  // Compute T and Z: reflections clear the entries beyond the rank, last row first.
   void triangle(int width) {
     const int free = n_ - rank_;
     T_.assign(static_cast<std::size_t>(n_) * ld_, 0.0);
@@ -356,14 +355,14 @@ class Coordinates {
   double flat_, share_, free_ = 1.0, rounding_ = 0.0;
   bool by_row_, diagonal_ = true;
   std::vector<double> still_, inverse_, unit_;
-  std::vector<char> flat_at_;  // of a diagonal, where it is zero
+  std::vector<char> flat_at_;  // zeros of a diagonal F
   std::vector<int> order_;     // (n,) the variable of each column of the triangle
-  std::vector<double> T_, Z_;  // (rank, ld), and of each reflection its entries beyond the rank, then its scale
+  std::vector<double> T_, Z_;  // (rank, ld), and each reflection's entries beyond the rank, then its scale
   std::vector<double> columns_, square_, y_;
   std::vector<std::pair<double, int>> rows_;
   double near_ = 0.0;
   double least_ = 0.0;
-  double last_ = 0.0;  // the most that was left when all columns were looked at
+  double last_ = 0.0;  // largest remainder when all columns were computed
   mutable std::vector<double> work_;
 };
 

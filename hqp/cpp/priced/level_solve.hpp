@@ -1,5 +1,5 @@
-// All levels in one solve: exactly where that settles every level with a price, else by stages from the first that it
-// does not.
+// All levels in one solve: exactly if that settles every level with a price, else by stages from the first unsettled
+// level on.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle 
 
 class LevelSolve final : public SolveCall {
  public:
-  // priced: of each level, whether it may have a price.
+  // priced: true for each level that may have a price.
   LevelSolve(int n, const std::vector<int>& rows, bool metric, const Options& options, std::vector<char> priced,
              const Tolerances& tolerances)
       : exact_(n, rows, metric, options),
@@ -36,9 +36,9 @@ class LevelSolve final : public SolveCall {
   }
   LevelSolve(const LevelSolve&) = delete;
 
-  // To be filled by whoever binds it: its levels, and the problem.
+  // The exact kernel; its owner fills levels and problem.
   BoundKernel& exact() { return exact_; }
-  // To be called once they are; without prices the stages only know the rows.
+  // Bind the law after that; without prices the stages only know the rows.
   void bind(const Law& law) {
     if (!stages_) make_stages();
     law_ = law;
@@ -54,7 +54,7 @@ class LevelSolve final : public SolveCall {
     for (const auto& [level, head] : heads_) bind(*head), head->reset(false);
     head_ = 0, bound_ = true;
   }
-  // The kernels of the levels above each that may be the first that is not settled.
+  // Make the kernels of the levels above each possible first unsettled level.
   void make_heads() {
     if (!heads_.empty() || !has_prices_) return;
     for (std::size_t k = 1; k < count(); ++k) {
@@ -85,22 +85,21 @@ class LevelSolve final : public SolveCall {
     found.points = points_.data(), found.point_count = points_.size();
     return found;
   }
-  // The same, but the answer of stages, at end(), is the caller's to tell.
+  // Solve; the caller reports the answer of stages, at end().
   Solved solve() {
     Solved found;
     if (begin(found)) return found;
     found = told(solve_exact());
-    // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only
-    // that the levels without a price are met.
+    // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages only need
+    // the levels without a price met.
     const double* x = exact_.numbers().data();
     const bool near = begins(found) || (found.outcome == kNotCertified && has_prices_ && stages_->unpriced_met(x));
     if (near && follow(x, 0) >= 0) found.outcome = kUnsettled;
     return found;
   }
-  // Its parts.  Stages from the level that was not met last, on the face where it ended, or from the exact answer of
-  // the levels above: far out of reach the exact answer of all levels is large, ill-conditioned and of no use.  False
-  // where that level is met by now, or the levels above have no optimum: the exact hierarchy decides, in what is left
-  // of the time.
+  // Begin with stages from the level that was unmet last, on its last active set, or from the exact answer of the
+  // levels above: far out of reach the exact answer of all levels is large, ill-conditioned and useless.  False if
+  // that level is met by now, or the levels above have no optimum: the exact hierarchy decides in the remaining time.
   bool begin(Solved& found) {
     began_ = Clock::now();
     if (!head_) return false;
@@ -117,7 +116,7 @@ class LevelSolve final : public SolveCall {
       return true;
     }
     const bool cut = found.outcome == kTimeLimit || found.outcome == kIterationLimit;
-    if (cut) head_ = level;  // nothing tells that another level is the first that is not met
+    if (cut) head_ = level;  // a cut solve does not show another first unmet level
     shortened_ = limit_ > 0.0;
     if (shortened_) exact_.limit(left());
     return false;
@@ -128,7 +127,7 @@ class LevelSolve final : public SolveCall {
     if (std::exchange(shortened_, false)) exact_.limit(limit_);
     return answer;
   }
-  // As PricedStages::solve.
+  // See PricedStages::solve.
   int follow(const double* x, int head) {
     if (!has_prices_) return -1;
     const int first = stages_->solve(x, head, left(), points_.data(), end_.data());
@@ -138,30 +137,30 @@ class LevelSolve final : public SolveCall {
     return first;
   }
 
-  // Of the latest stages: points (levels, n), and the answer.
+  // Points (levels, n) of the latest stages, and the answer.
   std::vector<double>& points() { return points_; }
   std::vector<double>& end() { return end_; }
-  // Slacks and marks of all rows at x; whether a constraint is violated.
+  // Write slacks and marks of all rows at x; return true if a constraint is violated.
   bool describe(const double* x, double* slack, std::int8_t* marks) {
     return stages_->describe(x, exact_.problem.constraints, slack, marks);
   }
-  // The level above which all are settled, for the next solve; 0 for none known.
+  // The level above which all are settled, for the next solve; 0 if unknown.
   int head() const { return head_; }
   void begin_at(int head) { head_ = head; }
-  // Since the latest solve began [s].
+  // Time since the latest solve began [s].
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 
-  // The kernel that knows multipliers of the latest answer, those of the levels above the stages where these gave it;
-  // null where they are not at hand, or where stages began on a face, which meets all rows above.
+  // The kernel with multipliers of the latest answer, of the levels above the stages if stages gave it; null if they
+  // are not at hand, or if stages began on a face, which meets all rows above.
   BoundKernel* teller() {
     BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &head(source_) : &exact_;
     return kernel && kernel->tell() ? kernel : nullptr;
   }
   bool staged() const { return staged_; }
-  // The latest answer is one that was not found here.
+  // Mark the latest answer as found elsewhere.
   void untold() { source_ = kNone, staged_ = false; }
 
-  // Time for the next solves [s], none for 0; that of the exact kernel is its own.
+  // Set the time for the next solves [s], 0 for no limit; the exact kernel has its own.
   void limit(double seconds) override {
     exact_.limit(seconds);
     limit_stages(seconds);
@@ -172,14 +171,14 @@ class LevelSolve final : public SolveCall {
   }
   bool limited() const { return limit_ > 0.0; }
 
-  // All that goes over from one solve to the next.
+  // Collect all state that one solve hands to the next.
   void keep(CarryOver& warm) {
     exact_.keep(warm);
     for (const auto& [level, head] : heads_) head->keep(warm);
     warm.take(head_);
     if (has_prices_) stages_->keep(warm);
   }
-  // The next solves are without the rows of these elements, see WarmSets.
+  // Exclude the rows of these elements from the next solves, see WarmSets.
   void turn(const WarmSets::Out& out) {
     make_heads();
     sets_.turn(*this, out);
@@ -204,7 +203,7 @@ class LevelSolve final : public SolveCall {
     stages_.reset(HQP_FOR_MACHINE(make_stages, exact_.size(), static_cast<int>(count()), exact_.rows().data(),
                                   marks.get(), tolerances_));
   }
-  // Of the levels above.
+  // Bind the kernel of the levels above.
   void bind(BoundKernel& head) const {
     head.levels.assign(exact_.levels.begin(), exact_.levels.begin() + std::ptrdiff_t(head.rows().size()));
     head.problem = exact_.problem;
@@ -219,7 +218,7 @@ class LevelSolve final : public SolveCall {
   static Solved told(const Answer& answer) {
     return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
   }
-  // Whether stages can start from an answer: an optimum, constraints met or not, of uncertain rank as well.
+  // Return true if stages can start from an answer: an optimum, constraints met or violated, also of uncertain rank.
   static bool begins(const Solved& solved) { return solved.outcome <= kViolated; }
 
   BoundKernel exact_;
@@ -236,7 +235,7 @@ class LevelSolve final : public SolveCall {
   double limit_;
   bool shortened_ = false;
   int head_ = 0;
-  int source_ = 0;  // of the latest answer: 0 for the exact kernel, the level of a head, kNone for neither
+  int source_ = 0;  // origin of the latest answer: 0 exact kernel, else the level of a head, or kNone
   bool staged_ = false;
   Clock::time_point began_;
 };

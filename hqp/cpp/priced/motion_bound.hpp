@@ -1,10 +1,10 @@
-// Whether a level is met for its price, from how little the exact answer x moves: no multipliers are needed.
+// Shows that a level is met for its price, from the small motion of the exact answer x, without multipliers.
 //
 // The least motion E* is convex in the level's targets and u is its gradient: with the targets moved by t along
 // u / ||u||, E* rises by t ||u|| at least. x + t p meets them, p being the least motion that moves these targets alone.
 // So t ||u|| <= E(x + t p) <= (|y| + t |p|)^2 / 2 with y the motion of x, and for t |p| = r |y|
 //   ||u|| <= (1 + r)^2 / (2 r) |y| |p|
-// with r at most 1 and so small that no bound is in the way. |p| is at most the length of the level's columns in the
+// with r at most 1 and so small that no bound becomes active. |p| is at most the length of the level's columns in the
 // inverse G of its rows and those above. An inverse of an earlier tick has the error d = |G| |change of the rows|, and
 // |p| is longer by 1 / (1 - d) at most.
 #pragma once
@@ -23,12 +23,12 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kHolds = 1e-9;   // rows hold, relative to 1 + |value|
-constexpr double kLeast = 1e-6;   // added to |y|: far above what x may miss
+constexpr double kLeast = 1e-6;   // added to |y|: far above the error of x
 constexpr double kShown = 0.9;    // bound of c ||u|| that shows a level
-constexpr double kStale = 0.5;    // d of an inverse that is to be found again
+constexpr double kStale = 0.5;    // d of an inverse to compute anew
 constexpr double kNear = 0.12;    // r of coordinates that p does not move
-constexpr int kRest = 16;         // ticks in which a bound that was too wide is not asked
-constexpr double kNarrow = 0.05;  // r of others, so that the inverse is to be found again
+constexpr int kRest = 16;         // ticks without a trial after a bound was too wide
+constexpr double kNarrow = 0.05;  // r of others below which the inverse is computed anew
 
 class MotionBound {
  public:
@@ -61,7 +61,7 @@ class MotionBound {
     seen_ = 0;
   }
 
-  // Whether level k is met for its price; asked from the first level down.
+  // Return true if level k is shown to be met for its price; call from the first level down.
   bool shows(int k) {
     Inverse& inverse = known_->inverse[k];
     inverse.wanted = at_->diagonal() && !inverse.known;
@@ -69,7 +69,7 @@ class MotionBound {
     if (inverse.rest > 0) return --inverse.rest, false;
     see_to(k);
     const double d = inverse.gain * (inverse.age + std::sqrt(changed_)), narrow = least_room(inverse);
-    inverse.known = d < kStale;  // not for numbers that are not finite
+    inverse.known = d < kStale;  // false for numbers that are not finite
     inverse.wanted = !inverse.known || (narrow <= kNarrow && inverse.own_gain < INFINITY);
     if (inverse.wanted || !met_ || !equalities_) return false;
     const double r = smaller(narrow, row_room_);
@@ -79,7 +79,7 @@ class MotionBound {
     return false;
   }
 
-  // Whether the latest shows(k) asks for an inverse of this tick.
+  // Return true if the latest shows(k) needs an inverse of this tick.
   bool wants(int k) const { return known_->inverse[k].wanted; }
 
   // Coordinates near a bound of the rows down to level k.
@@ -89,7 +89,7 @@ class MotionBound {
     return near_;
   }
 
-  // The inverse for level k, coordinates near() not moving: the length of all its columns together, and of the level's.
+  // Take the inverse for level k with coordinates near() fixed: the length of all its columns, and of the level's.
   void take(int k, double gain, double own_gain) {
     double square = 0.0;
     for (int l = 0; l < static_cast<int>(level_.size()); ++l) {
@@ -107,8 +107,7 @@ class MotionBound {
   }
 
  private:
-  // Rows of a level as they were, in motion coordinates, those that pick one by its number; square: of their change
-  // since.
+  // Former rows of a level in motion coordinates, picking rows by their number; square: of their change since.
   struct Then {
     std::vector<double> rows;
     std::vector<std::int64_t> index;
@@ -118,13 +117,13 @@ class MotionBound {
 
   struct Inverse {
     bool known = false, wanted = false;
-    int rest = 0;      // ticks until it is asked again
-    double age = 0.0;  // at most how far its rows were from those kept
+    int rest = 0;      // ticks until its next trial
+    double age = 0.0;  // largest distance of its rows from the kept ones
     double gain = 0.0, own_gain = 0.0;
-    std::vector<char> still;  // coordinates that do not move
+    std::vector<char> still;  // fixed coordinates
   };
 
-  // From one tick to the next, of each level.
+  // State of each level between ticks.
   struct Known final : WarmPart {
     explicit Known(std::size_t levels) : then(levels), inverse(levels) {}
     std::shared_ptr<WarmPart> another() const override {
@@ -170,7 +169,7 @@ class MotionBound {
     }
   }
 
-  // Whether x meets the equalities of a priced level, and the room to its bounds.
+  // Check that x meets the equalities of a priced level, and measure the room to its bounds.
   void look(const PricedLevel& level, bool priced) {
     equalities_ = true;
     if (level.A) dots_any(x_, level.A, n_, level.m, n_, value_.data());
@@ -209,7 +208,7 @@ class MotionBound {
     return 0.0;
   }
 
-  // Level l as it is; the square of its change until now.
+  // Keep level l; return the square of its change so far.
   double keep(int l) {
     const PricedLevel& level = level_[l];
     Then& then = known_->then[l];
@@ -242,13 +241,14 @@ class MotionBound {
   int n_;
   const std::vector<PricedLevel>& level_;
   std::shared_ptr<Known> known_;
-  std::vector<double> room_;  // how far a coordinate moves to its next bound, relative to |y|, 1 at most
+  std::vector<double> room_;  // distance of a coordinate to its next bound, relative to |y|, at most 1
   std::vector<char> near_;
   std::vector<double> row_, value_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *x_ = nullptr;
   int seen_ = 0;
-  double size_ = 0.0, row_room_ = 1.0, changed_ = 0.0;  // row_room_: of dense rows; changed_: square, of levels seen
+  double size_ = 0.0, row_room_ = 1.0,
+         changed_ = 0.0;  // row_room_: room of dense rows; changed_: squared change of levels so far
   bool met_ = true, equalities_ = true;
 };
 

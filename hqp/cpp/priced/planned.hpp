@@ -1,4 +1,4 @@
-// Options of the solver, as a plan has them: of Python or of a file.
+// Options of the solver from a plan, in Python or in a file.
 #pragma once
 
 #include "../solver/problem.hpp"

@@ -1,7 +1,7 @@
 // The rows of a working set, grown row by row: Q' a of a row a (N) has entries at the pivots of the rows before it and
-// at its own alone, Q a product of reflections. Each takes its pivot where what is left of its row is largest, so that
+// at its own alone, Q a product of reflections. Each takes the largest remaining entry of its row as pivot, so that
 // coordinates of very different size keep their own rounding (Cox and Higham 1998). Rows that pick one coordinate
-// (frozen joints), as long as no other row came before, need no reflection.
+// (frozen joints) need no reflection as long as no other row came before.
 #pragma once
 
 #include <algorithm>
@@ -13,12 +13,12 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kDependent = 1e-10;  // of a row's length, what it must keep to add a direction
+constexpr double kDependent = 1e-10;  // remaining share of its length that a row needs to add a direction
 constexpr double kUncertain = 1e-6;   // less than this, and more than rounding, is an uncertain direction
 
 class RowSpace {
  public:
-  // rounded: of a row's length, what rounding leaves of a row that depends on others.
+  // rounded: remainder of a dependent row by rounding, relative to its length.
   RowSpace(int most, int ld, double rounded)
       : rounded_(rounded),
         ld_(ld),
@@ -32,9 +32,9 @@ class RowSpace {
         square_(ld) {}
 
   int rank() const { return rank_; }
-  // Whether the first `count` rows determine coordinate j.
+  // Return true if the first `count` rows determine coordinate j.
   bool determines(int j, int count) const { return used_[j] != 0 && used_[j] <= count; }
-  // Whether a direction was uncertain since this was last set to false.
+  // Set to true by an uncertain direction.
   bool uncertain = false;
 
   void cut(int rank) {
@@ -43,9 +43,9 @@ class RowSpace {
     if (picked_ > rank) picked_ = rank;
   }
 
-  // Whether rows that pick one coordinate may still be held as they are: no other came before.
+  // Return true if picking rows need no reflection: no other row came before.
   bool picks() const { return rank_ == picked_; }
-  // Whether such a row, whose entry is at j, adds a direction.
+  // Add a picking row with its entry at j; return true if it adds a direction.
   bool pick(int j, double entry) {
     if (used_[j] || rank_ == most_) return false;
     double* r = &R_[static_cast<std::size_t>(rank_) * most_];
@@ -55,8 +55,8 @@ class RowSpace {
     used_[j] = picked_ = rank_;
     return true;
   }
-  // Whether any row does.  grade: what a unit of a coordinate is worth in the unit of size, the row's length, and of
-  // rounding, a length that is none; turned: by so many of the first rows it is turned already.
+  // Add any row; return true if it adds a direction.  grade: length of a unit of a coordinate in the unit of size (the
+  // row's length) and of rounding (a zero length); turned: number of first rows whose reflections are applied already.
   bool add(const double* row, int N, const double* grade, double size, double rounding, int turned = 0) {
     if (rank_ == most_) return false;
     double *v = &V_[static_cast<std::size_t>(rank_) * ld_], *r = &R_[static_cast<std::size_t>(rank_) * most_];
@@ -88,11 +88,11 @@ class RowSpace {
 
   // v (N) := Q' v.
   void turn(double* v, int N) const { turn(v, N, 0, rank_); }
-  // The part of it that rows from first to last have.
+  // Apply the reflections of rows first to last.
   void turn(double* v, int N, int first, int last) const {
     for (int k = first > picked_ ? first : picked_; k < last; ++k) reflect(k, v, N);
   }
-  // The same of rows (count, ld), N in whole vectors, four at a time.
+  // Apply them to rows (count, ld), N in whole vectors, four at a time.
   void turn(double* rows, int ld, int count, int N, int first, int last) const {
     int i = 0;
     for (; i + 4 <= count; i += 4)
@@ -104,7 +104,7 @@ class RowSpace {
   void turn_back(double* v, int N) const {
     for (int k = rank_ - 1; k >= picked_; --k) reflect(k, v, N);
   }
-  // part (rank) of a vector that is turned in the space of the rows, which is taken out of it.
+  // Move the part (rank) of a turned vector in the space of the rows from v to part.
   void split(double* v, double* part) const {
     for (int k = 0; k < rank_; ++k) {
       part[k] = v[pivot_[k]];
@@ -161,9 +161,9 @@ class RowSpace {
   double rounded_;
   int ld_, most_, rank_ = 0, picked_ = 0;
   std::vector<double> V_, tau_, R_;      // R_: row k the part of row k of the set
-  std::vector<int> pivot_, end_, used_;  // end_: of what a reflection sees; used_: by which row a coordinate is, from 1
-                                         // on, 0 for none
-  std::vector<double> square_;           // of what is left of a row
+  std::vector<int> pivot_, end_, used_;  // end_: last entry of a reflection; used_: row of a coordinate, from 1 on, 0
+                                         // without one
+  std::vector<double> square_;           // squared remainder of a row
 };
 
 }  // namespace HQP_ISA

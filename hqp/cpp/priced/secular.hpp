@@ -57,7 +57,7 @@ class Secular {
   }
 
   bool met() const { return met_; }
-  // Whether a direction was uncertain since this was last set to false.
+  // Set to true by an uncertain direction.
   bool uncertain = false;
 
   // Weight of row i, as solve has left it, in z.

@@ -1,10 +1,10 @@
-// Which priced levels the exact answer settles (docs/calm.md): where the least motion that meets all levels down to k
-// has multipliers u of level k with c_k ||u|| <= 1, level k is met for its price, and its stage need not be solved.
+// Priced levels that the exact answer settles (docs/calm.md): if the least motion that meets all levels down to k has
+// multipliers u of level k with c_k ||u|| <= 1, level k is met for its price and needs no stage.
 //
-// The least motion is min |y|^2 / 2 over equality rows B y = b and inequality rows, of which a working set is held at
-// its bounds. Coordinates with one value left (frozen joints), and those that the set holds, are columns taken out of
-// B. It begins with the set of the last tick; rows of the wrong sign leave and violated rows enter, all at once. A set
-// that does not settle in a few rounds shows nothing, and the stage decides.
+// The least motion is min |y|^2 / 2 over equality rows B y = b and inequality rows with a working set at its
+// bounds. Coordinates with one value left (frozen joints), and those in the set, are columns taken out of B. It begins
+// with the set of the last tick; rows of the wrong sign leave and violated rows enter, all at once. If the set still
+// changes after a few rounds, the stage decides.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kDepends = 1e-10;  // a row's square below this fraction of itself, off the rows before, is dependent
-constexpr double kLeft = 1e-3;      // of a direction, so that a column may be taken out of B
+constexpr double kLeft = 1e-3;      // remaining share of a direction that allows to take a column out of B
 constexpr int kRounds = 8;          // working sets tried for a level
 
 class Settled {
@@ -74,10 +74,10 @@ class Settled {
     for (auto& set : warm_) set.clear();
     bound_.forget();
   }
-  // Nothing like this problem follows: what spares a second look is not prepared.
+  // Skip preparations for the next problem: nothing alike follows.
   void only_once() { again_ = false; }
 
-  // x: the exact answer, whose values exact levels keep.
+  // x: the exact answer; exact levels keep its values.
   void begin(const Coordinates& coordinates, const double* prices, const double* x) {
     at_ = &coordinates;
     prices_ = prices;
@@ -95,7 +95,7 @@ class Settled {
       if (std::abs(entry) <= first_[k]) warm_[k].push_back(entry);
   }
 
-  // Whether priced level k, the next one down, is met for its price.
+  // Return true if priced level k, the next one down, is met for its price.
   bool meets(int k) {
     if (bound_.shows(k)) return true;
     count_ = equalities_;
@@ -113,14 +113,15 @@ class Settled {
   }
 
  private:
-  // Which row of which level.
+  // The level of a row, and the row's index there.
   std::pair<const PricedLevel&, int> place(int row) const {
     int l = 0;
     while (l + 1 < static_cast<int>(level_.size()) && first_[l + 1] <= row) ++l;
     return {level_[l], row - first_[l]};
   }
 
-  // Rows that level k leaves to those below hold: of an exact level as x meets them, of a priced one its equalities.
+  // Enter the rows of level k as constraints of the lower ones: for an exact level at the values of x, for a priced one
+  // its equalities.
   void enter(int k) {
     put_back(frozen_);  // columns of the last level's set stand behind frozen ones
     const PricedLevel& level = level_[k];
@@ -136,7 +137,7 @@ class Settled {
     equalities_ = count_;
   }
 
-  // Whether no equality row from that one on depends on others.
+  // Return true if all equality rows from `from` on are independent.
   bool kept(int from) const {
     return std::find(kept_.begin() + from, kept_.begin() + equalities_, 0) == kept_.begin() + equalities_;
   }
@@ -148,7 +149,7 @@ class Settled {
   bool picks(const PricedLevel& level, int i) const {
     return !level.A && at_->diagonal() && at_->picked(static_cast<int>(level.index[i]), level.scale[i]) != 0.0;
   }
-  // The coordinate that a row picks has this value and is off all rows; false where it has one already.
+  // Fix the coordinate that a row picks at this value and take it out of all rows; false if it is fixed already.
   bool take_out(const PricedLevel& level, int i, double value) {
     const int j = static_cast<int>(level.index[i]);
     if (free_[j] == 0.0) return false;
@@ -159,7 +160,7 @@ class Settled {
     factored_ = 0;
     return true;
   }
-  // All but the first.
+  // Put back all coordinates but the first ones.
   void put_back(std::size_t first) {
     for (; taken_out_.size() > first; taken_out_.pop_back()) {
       free_[taken_out_.back()] = 1.0;
@@ -168,7 +169,7 @@ class Settled {
     }
   }
 
-  // The working set of level k from that of the last tick; whether it was found.
+  // Find the working set of level k from that of the last tick; return true on success.
   bool least_motion(int k) {
     std::vector<int>& set = warm_[k];
     for (int round = 0; round < kRounds; ++round) {
@@ -185,7 +186,7 @@ class Settled {
     return entry > 0 ? level.upper[i] : level.lower[i];
   }
 
-  // The factor of the equality rows and of the set, whose coordinates are out; false where it has none.
+  // Factor the equality rows and the set, whose coordinates are out; false if that fails.
   bool hold(const std::vector<int>& set) {
     std::size_t out = frozen_;
     for (const int entry : set) {
@@ -215,7 +216,7 @@ class Settled {
     return consistent_;
   }
 
-  // Rows of the wrong sign leave the set, violated rows of levels down to k enter; whether the set has changed.
+  // Rows of the wrong sign leave the set, violated rows of levels down to k enter; return true if the set has changed.
   bool change(int k, std::vector<int>& set) {
     const bool held = kept(0);
     double most = 0.0;
@@ -239,7 +240,7 @@ class Settled {
           w -= slack(at_point(level, i, exact_), level.lower[i], level.upper[i]);
           if (std::abs(w) <= allowed) continue;
         }
-        if (level.lower[i] == level.upper[i]) {  // it depends on others
+        if (level.lower[i] == level.upper[i]) {  // a dependent row
           consistent_ = false;
           return false;
         }
@@ -266,7 +267,7 @@ class Settled {
     number_[c] = first_[&level - level_.data()] + i;
   }
 
-  // Row c of the factor, off the columns that are out; where it depends on the others it is to agree with them.
+  // Compute row c of the factor without the columns that are out; a dependent row must agree with the others.
   void factor(int c) {
     const int whole = lanes(n_);
     const double* b = &B_[static_cast<std::size_t>(c) * ld_];
@@ -380,21 +381,21 @@ class Settled {
   double met_;
   int ld_, width_;
   const std::vector<PricedLevel>& level_;
-  std::vector<std::vector<int>> warm_;  // of each level: a row's number + 1, negative at its lower bound
+  std::vector<std::vector<int>> warm_;  // set of each level: a row's number + 1, negative at its lower bound
   std::vector<int> first_;
   // C: B off the columns that are out; C C' = U' U, inverse_ 1 / U_jj; square_ |B_j|^2; pull_ multipliers of the set.
   std::vector<double> B_, C_, U_, b_, square_, z_, lambda_, column_, inverse_, pull_;
   std::vector<double> W_, G_;  // U^-T, (C C')^-1
-  std::vector<int> number_;    // which of all rows a row is
+  std::vector<int> number_;    // number of a row among all
   std::vector<char> kept_, out_;
-  std::vector<int> taken_out_, side_;         // coordinates; of each how the set holds it, as in warm_
+  std::vector<int> taken_out_, side_;         // coordinates; each one's entry in the set, as in warm_
   std::vector<double> free_, fixed_;          // 1 of coordinates that are in, 0 of others; their values, 0 of those
   std::vector<double> picked_, frozen_pull_;  // scale of the row that took a column out; multipliers of frozen ones
   std::vector<double> y_, a_, x_;
   MotionBound bound_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
-  int count_ = 0, equalities_ = 0, factored_ = 0;  // rows; factored_: of the equality rows
+  int count_ = 0, equalities_ = 0, factored_ = 0;  // numbers of rows; factored_: equality rows
   int reached_ = 0;                                // levels whose rows have entered
   std::size_t frozen_ = 0;                         // coordinates that are out for good
   bool consistent_ = true, again_ = true;

@@ -1,5 +1,5 @@
-// The rows of a stage, which stay where they lie: lower <= a x + share y_band <= upper, two-sided, an equality where
-// the bounds agree. Only rows that are held are written in the coordinates y of the stage.
+// The rows of a stage, read in place: lower <= a x + share y_band <= upper, two-sided, an equality if
+// the bounds agree. Only active rows are written in the coordinates y of the stage.
 #pragma once
 
 #include <algorithm>
@@ -12,16 +12,16 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 struct StageRow {
-  const double* a = nullptr;  // (n,), or null where it picks one variable
+  const double* a = nullptr;  // (n,), or null if it picks one variable
   int only = -1;
   double scale = 1.0;
   double lower = 0.0, upper = 0.0;
   int number = -1;         // among all rows of the hierarchy
-  int band = -1;           // a coordinate of its own, of y, -1 for none
-  double share = 0.0;      // of the row
-  double size = 0.0;       // |a|; of a row that was added, the share if that is more
-  double spare = 0.0;      // by how much its bounds are further away for a choice
-  double tolerated = 0.0;  // by how much a choice may leave these
+  int band = -1;           // its own coordinate of y, -1 without one
+  double share = 0.0;      // factor of the band
+  double size = 0.0;       // |a|, or the share of an added row if that is larger
+  double spare = 0.0;      // extra room at its bounds for a choice
+  double tolerated = 0.0;  // violation that a choice may have
 
   bool equal() const { return lower == upper; }
   double value(const double* x, const double* y, int n) const {
@@ -33,14 +33,14 @@ struct StageRow {
 
 class StageRows {
  public:
-  // numbers: of rows that have one.
+  // numbers: largest number of a row, plus one.
   StageRows(int n, int rows, int numbers, int stride)
       : n_(n), ld_(stride), C_(static_cast<std::size_t>(rows) * stride), formed_(rows), place_(numbers, -1) {
     all_.reserve(rows);
     grade_.assign(stride, 1.0);
   }
 
-  // Rows for a stage in coordinates y of n variables.
+  // Begin a stage in coordinates y of n variables.
   void begin(const Coordinates& at, int n) {
     n_ = n;
     for (const StageRow& row : all_)
@@ -50,7 +50,7 @@ class StageRows {
     std::fill(grade_.begin(), grade_.end(), 1.0);
     at.grade(grade_.data());
   }
-  // A row of no length, or of no bound, is none; whether it is one.
+  // Add a row; return false if it has zero length or no bounds.
   bool add(StageRow row) {
     if (row.lower == -INFINITY && row.upper == INFINITY) return false;
     if (row.band >= 0) row.size = larger(row.size, std::fabs(row.share) * grade_[row.band]);
@@ -60,11 +60,11 @@ class StageRows {
     all_.push_back(row);
     return true;
   }
-  // A length in x that is rounding.
+  // Set the rounding length in x.
   void rounding(double length) { rounding_ = length; }
   double rounding() const { return rounding_; }
   void grade(int band, double worth) { grade_[band] = worth; }
-  // The band of row i counts from here on.
+  // Set the origin of row i's band.
   void count_from(int i, double here) {
     all_[i].lower -= all_[i].share * here;
     all_[i].upper -= all_[i].share * here;
@@ -75,10 +75,10 @@ class StageRows {
   const StageRow& operator[](int i) const { return all_[i]; }
   const Coordinates& at() const { return *at_; }
   const double* grades() const { return grade_.data(); }
-  // Where the row of a number is, -1 for nowhere.
+  // The index of a row by its number, -1 if absent.
   int place(int number) const { return place_[number]; }
 
-  // The one coordinate of y that row i sees, -1 where it sees more, or is rounding.
+  // The single coordinate of y in row i, -1 if it has several or is rounding.
   int only(int i) const {
     const StageRow& row = all_[i];
     return row.a || row.band >= 0 || !at_->diagonal() || !(row.size > rounding_) ? -1 : row.only;
@@ -86,12 +86,12 @@ class StageRows {
   // Its entry there.
   double entry(int i) const { return at_->picked(all_[i].only, all_[i].scale); }
 
-  // Rows but the equalities are to be written anew.
+  // Mark all rows but the equalities for rewriting.
   void forget_turned() {
     for (int i = 0; i < count(); ++i)
       if (!all_[i].equal()) formed_[i] = 0;
   }
-  // Row i on y (N); turn: what becomes of it when it is written.
+  // Row i on y (N); turn: transformation applied when it is written.
   template <class Turn>
   const double* row(int i, int N, const Turn& turn) {
     double* c = &C_[static_cast<std::size_t>(i) * ld_];
@@ -105,7 +105,7 @@ class StageRows {
     formed_[i] = N;
     return c;
   }
-  // What the row is at y = 0.
+  // Value of the row at y = 0.
   double shift(int i) const {
     const StageRow& row = all_[i];
     return row.a ? dot_any(row.a, at_->still(), n_) : row.scale * at_->still()[row.only];
