@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp.angles import all_wrapped
 from hqp.arrays import Mat, Vec
+from hqp.declare.element import Element
 from hqp.declare.law import P
 from hqp.declare.stack import Level, Stack
+from hqp.errors import DeclarationError
 from hqp.loop.session import Controller
 from hqp.programs.formulation import Velocity
+
+PERIOD = 0.02
+"""Step within a call of ``inverse_kinematics`` [s]."""
+
+RETURN = 0.5
+"""A joint measured outside its limits comes back by as much in a call, if the pose does not ask for more [deg]."""
 
 
 class RobotKinematics:
     """The interface of ``lerobot.model.kinematics.RobotKinematics``: the position strictly before the orientation.
 
+    Joints that are not named stay at home, but for those that the file couples with named ones.  The answer of a joint
+    without limits is the turn nearest to the current position.  As in LeRobot, every position is in degrees, that of a
+    prismatic joint d [m] as d 180 / pi.
+
     urdf_path: or a name that ``hqp.robots.load`` takes, or a fixed-base Robot.  target_frame_name: frame of the
     gripper.  joint_names: joints in the arguments of ``forward_kinematics`` and ``inverse_kinematics``, all by default.
     steps: number of steps of 20 ms at a gain of 25/s in one call of ``inverse_kinematics``, at most.  Raises
-    ModelError, FrameNotFound or JointNotFound.
+    ModelError, FrameNotFound or JointNotFound, DeclarationError for joints of several axes.
     """
 
     def __init__(
@@ -33,26 +47,34 @@ class RobotKinematics:
         steps: int = 30,
     ) -> None:
         from hqp import robots
-        from hqp.tasks import JointLimits, Orientation, Position
+        from hqp.tasks import JointLimits, Orientation, Position, Posture
 
         loaded: Any = urdf_path
         self.robot: Any = robots.load(urdf_path, floating=False) if isinstance(loaded, (str, Path)) else loaded
         self.target_frame_name = target_frame_name
         self.joint_names = list(self.robot.joint_names) if joint_names is None else list(joint_names)
         self._columns = self.robot.joints(self.joint_names)
+        if self.robot.floating:
+            raise DeclarationError("RobotKinematics", "floating base", value=self.robot.name, allowed="a fixed base")
+        if self._columns.size != len(self.joint_names):
+            raise DeclarationError("RobotKinematics", "joint_names", value=joint_names, allowed="joints of one axis")
+        self._turning = np.flatnonzero(np.isin(self._columns, self.robot.continuous))
         self._steps = steps
         law = P(25.0)
         self._position = Position(frame=target_frame_name, law=law, name="position")
         self._turn = Orientation(frame=target_frame_name, law=law, name="orientation")
-        limits = [JointLimits(acceleration=None, braking=None)]
-        with_turn = Stack(Level(self._position), Level(self._turn), subject_to=limits)
+        back = math.radians(RETURN) / (PERIOD * max(1, steps))
+        fixed: list[Element] = [JointLimits(acceleration=None, braking=None, return_velocity=back)]
+        if still := self._still():
+            fixed.append(Posture(joints=still, law=law, name="joints without a name"))
+        with_turn = Stack(Level(self._position), Level(self._turn), subject_to=fixed)
         self._sessions = [
-            Controller(stack, Velocity()).session(self.robot, 0.02)
+            Controller(stack, Velocity(), deadline=math.inf).session(self.robot, PERIOD, stuck=False)
             for stack in (with_turn, with_turn.without("orientation"))
         ]
 
     def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Mat:
-        """Pose ``(4, 4)`` of the target frame at joint positions [deg]."""
+        """Pose ``(4, 4)`` of the target frame at joint positions [deg]; raises DeclarationError for too few."""
         state = self.robot.state(self._configuration(np.asarray(joint_pos_deg, dtype=np.float64)))
         pose = np.eye(4)
         pose[:3, 3], pose[:3, :3] = state.position(self.target_frame_name), state.rotation(self.target_frame_name)
@@ -67,8 +89,9 @@ class RobotKinematics:
     ) -> Vec:
         """Joint positions [deg] for a pose ``(4, 4)``, from the current ones; further entries are handed through.
 
-        The orientation is met as well as the position allows; with ``orientation_weight`` 0 it is left free.
-        position_weight: taken for LeRobot's sake, the order is strict.
+        The orientation is met as well as the position allows; with ``orientation_weight`` 0 it is left free.  A joint
+        that is outside its limits returns by half a degree in a call, more if the pose asks for it.  Raises
+        DeclarationError for too few positions.  position_weight: taken for LeRobot's sake, the order is strict.
         """
         current = np.asarray(current_joint_pos, dtype=np.float64)
         pose = np.asarray(desired_ee_pose, dtype=np.float64)
@@ -85,14 +108,47 @@ class RobotKinematics:
             q, v = tick.advance()
             if float(np.abs(v).max()) < 1e-4:
                 break
+        given = np.deg2rad(current[: len(self.joint_names)])
+        moved = self.robot.state(q).angles[self._columns] - given
+        moved[self._turning] = all_wrapped(moved[self._turning])
         found = current.copy()
-        found[: len(self.joint_names)] = np.rad2deg(self.robot.state(q).angles[self._columns])
+        found[: len(self.joint_names)] = np.rad2deg(given + moved)
         return found
 
     def _configuration(self, degrees: Vec) -> Vec:
-        robot = self.robot
-        step = np.zeros(robot.nv)
-        home = robot.state(robot.home)
-        step[self._columns] = np.deg2rad(degrees[: len(self.joint_names)]) - home.angles[self._columns]
-        q: Vec = robot.integrate(robot.home, step, 1.0)
+        """The named joints at their positions, coupled ones where the couplings put them, others at home."""
+        robot, count = self.robot, len(self.joint_names)
+        if degrees.ndim != 1 or degrees.size < count:
+            allowed = f"at least {count} numbers [deg]: {', '.join(self.joint_names)}"
+            raise DeclarationError("RobotKinematics", f"joint positions have shape {degrees.shape}", allowed=allowed)
+        angles = robot.state(robot.home).angles.copy()
+        angles[self._columns] = np.deg2rad(degrees[:count])
+        for column, terms, offset in self._led():
+            (_, factor), *others = terms
+            angles[column] = (offset - sum(c * angles[other] for other, c in others)) / factor
+        q: Vec = robot.configuration(angles)
         return q
+
+    def _led(self) -> list[tuple[int, list[tuple[int, float]], float]]:
+        """Joints that follow named ones, in the order in which they are known: column, terms with it first, offset."""
+        from hqp.tasks import JointCoupling
+
+        known, found, waiting = set(self._columns.tolist()), [], []
+        for coupling in self.robot.couplings:
+            if isinstance(coupling, JointCoupling):
+                terms = [(int(self.robot.joints(n)[0]), c) for n, c in dict(coupling.coefficients).items()]
+                waiting.append((terms, coupling.offset))
+        while ready := [k for k in waiting if sum(column not in known for column, _ in k[0]) == 1]:
+            waiting.remove(ready[0])
+            terms = sorted(ready[0][0], key=lambda term: term[0] in known)
+            known.add(terms[0][0])
+            found.append((terms[0][0], terms, ready[0][1]))
+        return found
+
+    def _still(self) -> list[str]:
+        """Joints that are neither named nor coupled with a named one."""
+        state, moving = self.robot.state(), set(self._columns.tolist())
+        coupled = [set(np.flatnonzero(k.jacobian(state).any(axis=0)).tolist()) for k in self.robot.couplings]
+        for _ in coupled:
+            moving.update(*(columns for columns in coupled if columns & moving))
+        return [n for n in self.robot.model.names[1:] if not moving.intersection(self.robot.joints(n).tolist())]
