@@ -40,14 +40,20 @@ load = cache(hqp.robots.load)
 
 @dataclass(frozen=True)
 class World:
-    """A yaw about the vertical [rad] and a shift [m] of everything: robot and targets."""
+    """A yaw about the vertical [rad], a shift [m] and a slope [rad] of everything: robot, targets, ground, gravity."""
 
     yaw: float = 0.0
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    slope: float = 0.0
 
     @property
     def placement(self) -> pin.SE3:
-        return pin.SE3(pin.utils.rotate("z", self.yaw), np.array(self.shift))
+        return pin.SE3(pin.utils.rotate("x", self.slope) @ pin.utils.rotate("z", self.yaw), np.array(self.shift))
+
+    @property
+    def normal(self) -> Vec:
+        """Normal of the ground."""
+        return self.placement.rotation[:, 2].copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +62,8 @@ class Scene:
 
     flat: frames of soles; points: frames of point feet.  reach: offset of the tool [m].  unit: model's lengths per
     metre.  tool_turn: rotation of the tool's frame in its link that the task undoes.  mirror: reflect targets in y = 0.
-    sway: size of a quick motion of the CoM, which takes feet to the edges of their friction cones at 1.
-    options: further arguments of the Controller.
+    com: axes of the CoM's task.  sway: size of a quick motion of the CoM, which takes feet to the edges of their
+    friction cones at 1.  options: further arguments of the Controller.
     """
 
     robot: Robot
@@ -75,6 +81,7 @@ class Scene:
     tool_turn: Mat = field(default_factory=lambda: np.eye(3))
     start: Vec | None = None
     mirror: bool = False
+    com: str = "xy"
     sway: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
     rewritten: Callable[[hqp.Controller], hqp.Controller] = lambda controller: controller
@@ -95,7 +102,7 @@ class Scene:
             held += [FrictionCone(contact=foot.name, mu=self.mu) for foot in feet]
             held.append(TorqueLimits())
         levels = [
-            *([Level(Com(axes="xy", law=self.law(2.0), name="com"))] if feet else []),
+            *([Level(Com(axes=self.com, law=self.law(2.0), name="com"))] if feet else []),
             Level(Position(frame=self.tool, law=self.law(4.0), name="tool")),
             Level(Orientation(frame=self.tool, law=self.law(3.0), name="turn")),
             Level(Posture(law=self.law(1.5), name="posture")),
@@ -117,11 +124,11 @@ class Scene:
         """Targets of each tick: CoM and tool leave their start and come to rest after two thirds of the loop."""
         home = self.robot.copy().state(self.first)
         at, R = home.position(self.tool).copy(), home.rotation(self.tool) @ self.tool_turn.T
-        com, turn = home.com()[:2].copy(), self.world.placement.rotation if self.floating else np.eye(3)
+        com, turn = home.com()[: len(self.com)].copy(), self.world.placement.rotation if self.floating else np.eye(3)
         tool, turned, balance = (
             Position(frame=self.tool, name="tool"),
             Orientation(frame=self.tool, name="turn"),
-            Com(axes="xy", name="com"),
+            Com(axes=self.com, name="com"),
         )
         S = np.diag([1.0, -1.0 if self.mirror else 1.0, 1.0])
         for i in range(self.ticks):
@@ -129,10 +136,12 @@ class Scene:
             away = self.unit * self.reach * part * turn @ S @ np.array([1.0, 0.2, 0.1])
             bent = turn @ S @ pin.exp3(0.3 * part * np.array([0.2, 1.0, -0.4])) @ S @ turn.T @ R @ self.tool_turn
             sway = self.sway * np.array([0.03 * math.sin(25.0 * i * self.dt), 0.06 * math.sin(30.0 * i * self.dt), 0.0])
-            moved = (self.unit * turn @ S @ (part * np.array([0.02, 0.01, 0.0]) + sway))[:2]
+            moved = (self.unit * turn @ S @ (part * np.array([0.02, 0.01, 0.0]) + sway))[: len(self.com)]
             given: list[hqp.Reference] = [tool.at(at + away), turned.at(bent)]
             if self.flat or self.points:
                 given.append(balance.at(com + moved))
+            if self.kind == "torque" and self.world.slope:
+                given += [FixedContact(frame=foot).at(normal=self.world.normal) for foot in self.flat]
             yield tuple(given)
 
     def run(self, *, state: Callable[[Vec, Vec], tuple[Vec, Vec]] = lambda q, v: (q, v)) -> Run:

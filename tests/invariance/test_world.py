@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import hqp
 from tests.invariance.scenes import KINDS, World, catalogue, off
 
 TOLERANCE = 1e-6
@@ -26,3 +27,21 @@ def check(kind: str, seed: int) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_turned_and_moved_world_gets_the_same_command(kind: str, seed: int) -> None:
     check(kind, seed)
+
+
+def check_slope(kind: str, seed: int) -> None:
+    rng = np.random.default_rng([seed, KINDS.index(kind), 1])
+    scene = catalogue(rng, kind, names=("talos", "g1", "cbi", "icub", "romeo"), com="xyz")
+    slope, yaw = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 1.4)), float(rng.uniform(-math.pi, math.pi))
+    world = World(yaw, slope=slope)
+    robot = hqp.robots.load(scene.robot.name)
+    robot.model.gravity.linear = world.placement.rotation @ robot.model.gravity.linear
+    level, slanted = scene.run(), scene.but(world=world, robot=robot).run()
+    assert off(level.commands, slanted.commands) < TOLERANCE, (robot.name, scene.reach, math.degrees(slope))
+
+
+@pytest.mark.filterwarnings("ignore:the first state")
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 24))])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_slope_with_its_gravity_gets_the_same_command(kind: str, seed: int) -> None:
+    check_slope(kind, seed)
