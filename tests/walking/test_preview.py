@@ -26,6 +26,7 @@ def test_what_is_changed_is_said(asked: Command) -> None:
     T = ABLE.haste(found) * ABLE.gait.period
     assert abs(found.forward) * QUICK * ABLE.gait.period <= ABLE.reach.forward + 1e-9
     assert abs(found.forward) * T <= ABLE.reach.forward + 1e-9
+    assert ABLE.haste(found) <= 1.0
     assert abs(found.left) * 2.0 * T <= ABLE.reach.most - ABLE.width + 1e-9
 
 
@@ -37,3 +38,9 @@ def test_velocities_change_by_bounded_steps_and_arrive(now: Command, asked: Comm
     for one, other in zip([now, *paces], paces, strict=False):
         assert math.hypot(other.forward - one.forward, other.left - one.left) <= ABLE.change + 1e-9
         assert abs(other.turn - one.turn) <= TURNS + 1e-9
+
+
+def test_fast_walks_take_quicker_steps_not_longer_ones() -> None:
+    fastest, _ = ABLE.allowed(Command(10.0, 0.0, 0.0))
+    assert fastest.forward > 1.3 * ABLE.reach.forward / ABLE.gait.period
+    assert ABLE.haste(fastest) < 0.75 < ABLE.haste(Command(0.05, 0.0, 0.0))

@@ -1,0 +1,71 @@
+"""Parts of Follow by themselves: the motion through packets, the pursuit of a target, values that can be followed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Follow
+from hqp.errors import DeclarationError
+from hqp.tasks import JointLimits, Pose, Position
+from hqp.teleoperation.pursuit import Pursuit
+from hqp.teleoperation.spaces import Space
+from hqp.teleoperation.track import Cubic, Sample
+
+VECTOR = Space(Position(frame="tool0"))
+
+
+@pytest.mark.parametrize("jerk", [0.0, 20.0, -40.0])
+def test_a_motion_of_constant_jerk_is_predicted(jerk: float) -> None:
+    def path(t: float) -> Any:
+        return np.array([0.3 * t, 0.5 * t * t, jerk * t**3 / 6.0])
+
+    times = np.arange(0.0, 0.4, 1.0 / 90.0).tolist()
+    motion = Cubic(VECTOR, [Sample(t, path(t)) for t in times])
+    for ahead in (0.0, 0.03, 0.06):
+        x, _, _ = motion.after(ahead)
+        assert np.abs(motion.value + x - path(times[-1] + ahead)).max() < 2e-3 * (1.0 + abs(jerk)) * (0.05 + ahead)
+
+
+def test_a_pursuit_that_stops_brakes_within_its_limits() -> None:
+    pursuit = Pursuit(VECTOR, np.zeros(3), (1.0, 1.0), (4.0, 4.0))
+    target, speed, still = np.array([2.0, 0.0, 0.0]), np.zeros(3), np.zeros(3)
+    for _ in range(150):
+        pursuit.step(0.002, target, speed, still)
+    begun, fast = pursuit.value.copy(), pursuit.v[0]
+    assert fast > 0.3
+    for _ in range(1000):
+        before = pursuit.v.copy()
+        pursuit.stop(0.002)
+        assert np.abs(pursuit.v - before).max() <= 4.0 * 0.002 + 1e-12
+    assert np.abs(pursuit.v).max() < 1e-6
+    assert begun[0] < pursuit.value[0] < begun[0] + 3.0 * fast * fast / 4.0
+
+
+@pytest.mark.parametrize("element", [JointLimits(), object(), None])
+def test_only_tasks_with_a_reference_are_followed(element: Any) -> None:
+    with pytest.raises(DeclarationError, match="cannot be followed"):
+        Space(element)
+
+
+def test_a_clutch_that_closes_in_a_tick_without_a_state_takes_the_reference() -> None:
+    robot = hqp.robots.load("ur5")
+    hand = Pose(frame="tool0")
+    follow = Follow(hand, clutch=True)
+    state = robot.state(robot.home)
+    follow.reference(state, now=0.0)
+    first = np.array(hand.value(state))
+    for k in range(1, 60):
+        t = 0.01 * k
+        value = first.copy()
+        value[0, 3] += 0.1 * t
+        follow.receive(value, sent=t, received=t, engaged=k > 10)
+        state = robot.state(np.full(robot.nq, np.nan) if 5 < k < 40 else robot.home)
+        found = follow.reference(state, now=t)
+        assert np.isfinite(found.value).all()
+        assert np.abs(found.value - first).max() < 0.1
+    assert math.dist(found.value[:3, 3], first[:3, 3]) > 0.01

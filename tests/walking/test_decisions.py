@@ -1,0 +1,102 @@
+"""Decisions of a walker on the motion of its own model, without a simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp.robots
+from hqp.walking import Walker
+from hqp.walking.walker import SAG
+
+DT = 0.004
+
+
+@pytest.fixture(scope="module")
+def robot() -> Any:
+    return hqp.robots.load("g1", rotors=True)
+
+
+def made(robot: Any) -> Walker:
+    return Walker(robot.copy(), dt=DT, deadline=math.inf)
+
+
+def on_its_model(walker: Walker, loads: Any = lambda walker: None) -> Iterator[Any]:
+    """Ticks of a walker whose robot moves as commanded; loads: function of the walker for the loads of its feet."""
+    q, v = walker.start.copy(), np.zeros(walker.robot.nv)
+    while True:
+        state = walker.robot.state(q, v)
+        tick = walker.step(state, loads(walker))
+        yield tick
+        q, v = tick.advance()
+
+
+def test_a_stop_ends_between_the_feet(robot: Any) -> None:
+    walker = made(robot)
+    walker.go(forward=0.2)
+    ticks, planned = on_its_model(walker), np.zeros(2)
+    for k in range(round(6.0 / DT)):
+        next(ticks)
+        if k == round(1.5 / DT):
+            walker.stop()
+        if walker.phase == "swing" and not walker.walking:
+            planned = walker._dcm.at(math.inf)[0]
+        if k > round(1.5 / DT) and walker.phase == "stand":
+            break
+    assert walker.phase == "stand"
+    assert np.abs(planned - 0.5 * (walker.holds[0].xy + walker.holds[1].xy)).max() < 2e-3
+
+
+def test_the_plan_waits_for_a_late_foot(robot: Any) -> None:
+    """Loads of the feet: the swing foot never touches the ground."""
+
+    def loads(walker: Walker) -> list[float]:
+        if walker.phase != "swing":
+            return [0.5 * walker.weight, 0.5 * walker.weight]
+        return [walker.weight * (side == walker.stance) for side in (0, 1)]
+
+    walker = made(robot)
+    walker.go()
+    early, late = [], []
+    for _, _ in zip(on_its_model(walker, loads), range(round(3.0 / DT)), strict=False):
+        if walker.phase == "swing":
+            (early if walker._t < walker._T - DT else late if walker._t > walker._T + DT else []).append(walker._since)
+            if len(late) > 10:
+                break
+    assert len(early) > 10
+    assert len(late) > 10
+    assert np.ptp(late) == 0.0
+    assert np.diff(early).max() == pytest.approx(DT)
+
+
+def test_the_sum_of_errors_grows_within_the_sole_and_stops_at_its_edge(robot: Any) -> None:
+    walker = made(robot)
+    q, v = walker.start.copy(), np.zeros(walker.robot.nv)
+    walker.step(walker.robot.state(q, v))
+    q[0] += 0.003
+    for _ in range(20):
+        before = walker._sum.copy()
+        walker.step(walker.robot.state(q, v))
+        assert not walker.edge
+        assert walker._sum[0] > before[0]
+    v[0] = 0.6
+    for _ in range(20):
+        before = walker._sum.copy()
+        walker.step(walker.robot.state(q, v))
+        assert walker.edge
+        assert np.all(walker._sum == before)
+
+
+def test_the_height_makes_up_for_a_sagging_com(robot: Any) -> None:
+    walker = made(robot)
+    next(on_its_model(walker))
+    base = walker._z
+    for deficit in (0.004, -0.004):
+        first = walker._height(base - deficit) - walker._z
+        raised = [walker._height(base - deficit) - walker._z for _ in range(round(20.0 / DT))]
+        assert np.sign(deficit) * (raised[0] - first) > 0.0
+        assert raised[-1] == pytest.approx(math.copysign(SAG, deficit))
