@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat
 from hqp.errors import DeclarationError, closest
 
 CUTOFF = 10.0
@@ -16,7 +16,17 @@ CUTOFF = 10.0
 EDGE = 9
 """Least number of samples by which a filter continues a motion beyond its ends, point-reflected."""
 
-UPS = ("auto", "y", "z")
+TURNS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+    "x": ((1, 2, 0), (1, 1, 1)),
+    "y": ((0, 2, 1), (1, -1, 1)),
+    "z": ((0, 1, 2), (1, 1, 1)),
+    "-x": ((1, 2, 0), (1, -1, -1)),
+    "-y": ((0, 2, 1), (1, 1, -1)),
+    "-z": ((0, 1, 2), (1, -1, -1)),
+}
+"""By the axis that is up: the axes that become x, y and z, and their signs."""
+
+UPS = ("auto", *TURNS)
 
 
 @dataclass(frozen=True)
@@ -24,14 +34,15 @@ class Motion:
     """Positions of the joints of a person, z up.
 
     names: names of the J joints.  positions ``(T, J, 3)``, in any unit of length.  fps [1/s].  parents: index of each
-    joint's parent, -1 for a root, empty if unknown.  Raises DeclarationError for shapes that do not fit, numbers that
-    are not finite, and less than two frames.
+    joint's parent, -1 for a root, empty if unknown.  notes: remarks of its reader, for the report.  Raises
+    DeclarationError for shapes that do not fit, numbers that are not finite, and less than two frames.
     """
 
     names: tuple[str, ...]
     positions: Any
     fps: float
     parents: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         try:
@@ -72,7 +83,7 @@ class Motion:
 
     def part(self, first: int, last: int) -> Motion:
         """The frames from ``first`` up to but not ``last``."""
-        return Motion(self.names, self.positions[first:last], self.fps, self.parents)
+        return replace(self, positions=self.positions[first:last])
 
     def smoothed(self, cutoff: float = CUTOFF) -> Motion:
         """The motion below a frequency [Hz], without lag (Butterworth of second order, forwards and backwards).
@@ -81,7 +92,7 @@ class Motion:
         """
         if cutoff >= 0.5 * self.fps or len(self) <= EDGE:
             return self
-        return Motion(self.names, low_pass(self.positions, cutoff, self.fps), self.fps, self.parents)
+        return replace(self, positions=low_pass(self.positions, cutoff, self.fps))
 
     def at_rate(self, fps: float) -> Motion:
         """The motion in another frame rate [1/s], by cubic splines."""
@@ -91,26 +102,17 @@ class Motion:
             return self
         before = np.arange(len(self)) / self.fps
         after = np.arange(int(np.floor(before[-1] * fps + 1e-9)) + 1) / fps
-        return Motion(self.names, CubicSpline(before, self.positions)(after), fps, self.parents)
+        return replace(self, positions=CubicSpline(before, self.positions)(after), fps=fps)
 
-    def upright(self, up: str, usual: str, hips: Vec, ankles: Vec) -> Motion:
-        """The motion with z up, where so far the axis ``up`` is.
+    def turned(self, up: str) -> Motion:
+        """The motion with z up, if the axis ``up`` (x, y, z, -x, -y, -z) is up so far.
 
-        up: y, z, or auto: the axis along which the hips are at times furthest above the ankles ``(T, 3)`` each, the
-        ``usual`` one unless the other is so by far.  Raises DeclarationError for another name.
+        Raises DeclarationError for another name.
         """
-        if up not in UPS:
+        if up not in TURNS:
             raise DeclarationError("motion", "up", value=up, allowed=", ".join(UPS))
-        if up == "auto":
-            y, z = np.quantile((hips - ankles)[:, 1:], 0.9, axis=0)
-            other = {"y": z > 1.5 * max(y, 0.0), "z": y > 1.5 * max(z, 0.0)}[usual]
-            up = {"y": "z", "z": "y"}[usual] if other else usual
-        if up == "z":
-            return self
-        places = self.positions
-        return Motion(
-            self.names, np.stack((places[..., 0], -places[..., 2], places[..., 1]), -1), self.fps, self.parents
-        )
+        axes, signs = TURNS[up]
+        return replace(self, positions=self.positions[..., axes] * signs)
 
 
 def low_pass(values: Mat, cutoff: float, fps: float) -> Mat:

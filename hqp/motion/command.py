@@ -6,16 +6,25 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hqp.commands.arguments import add_robot, read_robot
 from hqp.errors import DeclarationError
+
+from .clip import UPS
 
 if TYPE_CHECKING:
     from .retargeted import Retargeted
 
 DESCRIPTION = """Retarget recorded human motion to a robot with a free base: standing feet do not slide, floor,
 self-collision and limits hold, and a report lists unmet targets and the reason for each."""
+
+
+class _Downwards(argparse.Action):
+    """``-y`` behind ``--up``, which argparse takes for an option of its own."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: Any = None) -> None:
+        namespace.up = option_string
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,8 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--contacts", default="auto", metavar="FILE", help=".npz with contacts (T, k); default: auto")
     parser.add_argument("--fps", type=float, help="of the result; default: the motion's own")
     parser.add_argument(
-        "--up", choices=("auto", "y", "z"), default="auto", help="axis of the file that is up; default: auto"
-    )
+        "--up", nargs="?", choices=UPS, const="auto", default="auto", metavar="AXIS",
+        help="axis of the file that is up: x, y, z, -x, -y or -z; default: auto, found from the person",
+    )  # fmt: skip
+    parser.add_argument("-x", "-y", "-z", dest="up", action=_Downwards, nargs=0, help=argparse.SUPPRESS)
     parser.add_argument("--body-model", type=Path, metavar="FILE", help="of SMPL-X, for its parameters: .npz")
     parser.add_argument(
         "--no-collision", action="store_true", help="leave out self-collision and the floor for other links"

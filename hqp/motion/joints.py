@@ -5,48 +5,61 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from hqp.arrays import Mat
 from hqp.errors import DeclarationError
 
-from .clip import Motion
-
 SIDES = ("left", "right")
-LIMBS = ("shoulder", "elbow", "hand", "hip", "knee", "ankle", "toe")
+LIMBS = ("shoulder", "elbow", "hand", "knee", "hip", "ankle", "toe")
 PARTS = tuple(f"{side}_{limb}" for side in SIDES for limb in LIMBS)
-"""Required parts of a motion."""
+"""Parts of a person; a motion needs a joint for each but the toes."""
+
+OPTIONAL = tuple(f"{side}_toe" for side in SIDES)
+"""Parts that a motion may lack: estimates of 17 joints end at the ankles."""
 
 NAMES: dict[str, tuple[str, ...]] = {
-    "shoulder": ("arm", "upperarm", "uparm", "shoulder"),
-    "elbow": ("elbow", "forearm", "lowerarm", "lowarm"),
+    "shoulder": ("arm", "upperarm", "uparm", "humerus", "shldr", "shoulder"),
+    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "radius"),
     "hand": ("wrist", "hand"),
-    "hip": ("hip", "upleg", "upperleg", "thigh"),
-    "knee": ("knee", "leg", "lowerleg", "lowleg", "shin", "calf"),
+    "knee": ("knee", "lowerleg", "lowleg", "shin", "calf", "tibia", "leg"),
+    "hip": ("hip", "upleg", "upperleg", "thigh", "femur", "leg"),
     "ankle": ("ankle", "foot"),
-    "toe": ("toebase", "toe", "toes", "ball", "ballfoot", "foottoe", "foot", "toeend", "ankleend", "footend"),
-}
+    "toe": (
+        "toebase", "toe", "toes", "bigtoe", "ball", "ballfoot", "foottoe", "footindex", "foot", "toeend", "ankleend",
+        "footend",
+    ),
+}  # fmt: skip
 """Names of a part without its side, the first that occurs counts: in most skeletons ``LeftArm`` begins at the shoulder
-and ``LeftShoulder`` is the collar bone, in those that have no ``LeftArm`` it is the shoulder."""
+and ``LeftShoulder`` is the collar bone, in those that have no ``LeftArm`` it is the shoulder; ``LeftLeg`` begins at the
+hip if there is a ``LeftShin`` (SOMA), else at the knee (LAFAN1)."""
+
+_KNOWN = "|".join(sorted({name for names in NAMES.values() for name in names}))
 
 
 def plain(name: str) -> tuple[str, str]:
-    """(side, rest) of a joint's name, in small letters: ``mixamorig:LeftUpLeg``, ``L_Hip`` and ``thigh.l`` have one."""
-    name = name.rsplit(":", 1)[-1]
+    """(side, rest) of a joint's name, in small letters: ``mixamorig:LeftUpLeg``, ``L_Hip`` and ``thigh.l`` have one.
+
+    The end of a chain keeps its mark: ``foot.LEnd`` is (left, footend).
+    """
+    name = name.strip().rsplit(":", 1)[-1]
     name = re.sub(r"^(bip\d*|mixamorig\d*|character\d*|skeleton)[ _.]+", "", name, flags=re.IGNORECASE)
+    name = re.sub(r"[ _.]\d+$", "", name)
+    end = "end" if name.endswith("End") else ""
+    name = name.removesuffix("End").rstrip(" _.")
     for side in SIDES:
         letter = side[0]
         patterns = (
             rf"(?i:^{side})(.*)$", rf"(?i:^{letter}[ _.-])(.*)$", rf"^{letter}(?=[A-Z])(.*)$",
             rf"^{letter.upper()}(?=[A-Z][a-z])(.*)$", rf"(.*)(?i:[ _.-]{side})$", rf"(.*)(?i:[ _.-]{letter})$",
-            rf"(.*)(?:{side.title()})$",
+            rf"(.*)(?:{side.title()})$", rf"(?i:^{letter}({_KNOWN})$)",
         )  # fmt: skip
         for pattern in patterns:
             if found := re.match(pattern, name):
-                return side, re.sub(r"[^a-z]", "", found[1].lower())
-    return "", re.sub(r"[^a-z]", "", name.lower())
+                return side, re.sub(r"[^a-z]", "", found[1].lower()) + end
+    return "", re.sub(r"[^a-z]", "", name.lower()) + end
 
 
 def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The joint of each of ``PARTS``; given: parts that cannot be found by name.
+    """The joint of each of ``PARTS``, without ``OPTIONAL`` ones that are missing; given: parts whose joints have other
+    names.
 
     Raises DeclarationError for a part without a joint, and for one that is given and not there.
     """
@@ -68,15 +81,12 @@ def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> di
             joint = next((name for name in fitting if name not in taken), None)
             if part not in found and joint is not None:
                 found[part] = joint
-    missing = [part for part in PARTS if part not in found]
+    missing = [part for part in PARTS if part not in found and part not in OPTIONAL]
     if missing:
         raise DeclarationError(
             "human", f"no joint for {', '.join(missing)} among {', '.join(names)}",
             allowed="a table [human] in the map, such as left_hip = \"LeftUpLeg\"",
         )  # fmt: skip
-    return {part: found[part] for part in PARTS}
-
-
-def middle(motion: Motion, parts: Mapping[str, str], limb: str) -> Mat:
-    """Half way between a limb of both sides ``(T, 3)``."""
-    return 0.5 * (motion.joint(parts[f"left_{limb}"]) + motion.joint(parts[f"right_{limb}"]))
+    if any(part in found for part in OPTIONAL) and not all(part in found for part in OPTIONAL):
+        raise DeclarationError("human", "a toe on one side only", value=[p for p in OPTIONAL if p in found])
+    return {part: found[part] for part in PARTS if part in found}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from hqp.errors import DeclarationError
 
 from .bvh import read_bvh
 from .clip import Motion
-from .joints import middle, parts_of
+from .joints import parts_of
+from .person import joints_of, up_axis
 from .smplx import from_parameters, has_parameters
 
 USUAL = {".bvh": "y", ".npz": "z"}
@@ -29,31 +31,47 @@ def read_motion(
     """The motion in a file, z up.
 
     ``.bvh``; ``.npz`` with positions ``(T, J, 3)``, names ``(J,)`` and fps, or with parameters of SMPL-X as AMASS
-    stores them, for which ``body_model`` is the model's own file (.npz).  up: y or z if the person does not show the
-    file's axes.  human: joints by part of the person, if their names do not match (see ``SkeletonMap``).  Raises
-    DeclarationError for a file of another kind, or one that lacks something.
+    stores them, for which ``body_model`` is the model's own file (.npz).  up: x, y, z, -x, -y or -z, the file's axis
+    that is up; auto finds it from the person.  human: joints by part of the person, if their names do not match (see
+    ``SkeletonMap``).  Raises DeclarationError for a file of another kind, and for a damaged or incomplete one.
     """
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in USUAL:
         raise DeclarationError("motion", "unknown file type", value=str(path), allowed=", ".join(USUAL))
     motion = read_bvh(path) if kind == ".bvh" else _read_npz(path, body_model)
-    parts = parts_of(motion.names, human)
-    return motion.upright(up, USUAL[kind], middle(motion, parts, "hip"), middle(motion, parts, "ankle"))
+    if up != "auto":
+        return motion.turned(up)
+    usual = USUAL[kind]
+    found = up_axis(motion, joints_of(motion, parts_of(motion.names, human)), usual)
+    turned = motion.turned(found)
+    if found == usual:
+        return turned
+    return replace(turned, notes=(*turned.notes, f"the person stands along the file's axis {found}, taken as up"))
 
 
 def _read_npz(path: Path, body_model: str | Path | None) -> Motion:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            told: dict[str, Any] = {key: file[key] for key in file.files if file[key].dtype != object}
-    except (OSError, EOFError, ValueError) as error:
-        raise DeclarationError("motion", f"no npz file: {error}", value=str(path)) from error
+    told = _arrays(path)
     if has_parameters(told):
         return from_parameters(told, body_model)
     missing = [key for key in ("positions", "names", "fps") if key not in told]
     if missing:
         allowed = "positions (T, J, 3), names (J,), fps; or trans, poses, betas of SMPL-X"
         raise DeclarationError("motion", f"{path.name} lacks {', '.join(missing)}", allowed=allowed)
-    names = tuple(str(name) for name in told["names"])
-    parents = tuple(int(p) for p in told["parents"]) if "parents" in told else ()
-    return Motion(names, told["positions"], float(told["fps"]), parents)
+    try:
+        names = tuple(str(name) for name in told["names"])
+        parents = tuple(int(p) for p in told["parents"]) if "parents" in told else ()
+        fps = float(told["fps"])
+    except (TypeError, ValueError) as error:
+        allowed = "names (J,), parents (J,), fps one number"
+        raise DeclarationError("motion", f"{path.name}: {error}", allowed=allowed) from error
+    return Motion(names, told["positions"], fps, parents)
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    """All arrays of an npz file but those of objects; raises DeclarationError for a damaged file."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {key: array for key in file.files if (array := file[key]).dtype != object}
+    except Exception as error:  # zipfile, zlib and NumPy raise errors of a dozen types for damaged bytes
+        raise DeclarationError("motion", f"no npz file: {error}", value=str(path)) from error

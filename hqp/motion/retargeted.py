@@ -30,7 +30,7 @@ class Retargeted:
     size [m], with their parents.  measures: frame by frame.  shortfalls: unmet targets, with time and cause.  gave_way
     ``(T, 4)``: cause of each error of left and right toe, left and right hand, "" within 5 mm of their targets.
     statuses: statuses of the ticks, with their number.  time: time of the solution, CPU [s].  scale: robot's metres to
-    the motion's unit.
+    the motion's unit.  notes: remarks on the person: mirrored, upside down, lying, the axis of the file that is up.
     """
 
     robot: Robot
@@ -47,6 +47,7 @@ class Retargeted:
     statuses: dict[str, int]
     time: float
     scale: float
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -114,7 +115,7 @@ class Retargeted:
             f"joints p99 {s['acceleration_p99']:.0f} rad/s^2, {s['jerk_p99']:.3g} rad/s^3; "
             f"beyond limits {s['beyond']:.2g} rad; fastest {100 * s['speed']:.0f} % of its limit",
         ]
-        return "\n".join([*lines, *(str(each) for each in self.shortfalls)])
+        return "\n".join([*self.notes, *lines, *(str(each) for each in self.shortfalls)])
 
 
 def velocities(robot: Robot, q: Mat, fps: float) -> Mat:

@@ -17,6 +17,7 @@ from .clip import Motion
 from .contacts import NAMES, Mask
 from .joints import parts_of
 from .measures import measure
+from .person import joints_of, remarks
 from .readers import read_motion
 from .retargeted import Retargeted, velocities
 from .shortfalls import gave_way, shortfalls
@@ -66,7 +67,8 @@ def retarget(
     body = Body.of(robot, found)
     clip = motion.smoothed().at_rate(rate * each)
     masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
-    targets = targets_of(clip, parts_of(clip.names, found.human), body, masks)
+    parts = parts_of(clip.names, found.human)
+    targets = targets_of(clip, parts, body, masks)
     tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / clip.fps, collision=collision), targets)
     begin = time.process_time()
     passed = smoothed(tracker, solved(tracker))
@@ -80,7 +82,7 @@ def retarget(
     return Retargeted(
         robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
         targets.person[frames], clip.parents, told, behind, gave_way(*whole, range(0, len(targets), each)),
-        _counted(passed.statuses), spent, targets.scale,
+        _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from .body import Body
 from .clip import Motion, unit
 from .contacts import NAMES, Contacts, Mask, detect, runs
 from .joints import SIDES
+from .person import joints_of, leg_of, with_toes
 
 LOW = 0.02
 """The floor is where the ankles are at this quantile of the frames in which they are slow."""
@@ -67,8 +68,8 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
     The whole motion is in the robot's size by the length of the legs; arms and trunk by their own from the shoulders
     and hips on, but for a hand that rests on something.
     """
-    joints = {part: motion.joint(name) for part, name in parts.items()}
-    leg = float(np.median(_leg(joints)))
+    joints = with_toes(joints_of(motion, parts))
+    leg = leg_of(joints)
     scale = body.leg / leg
     ground = _floor(joints, motion.fps, leg)
     lift = np.array([0.0, 0.0, float(np.mean([-body.levers[side][2] for side in SIDES]))])
@@ -91,16 +92,6 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
             _arm(moved, places["pelvis"], axes["torso"] @ body.axes["torso"].T, found, side, body, motion.fps)
         )
     return Targets(motion.fps, places, axes, found, edge, scale, scale * (motion.positions - ground) + lift)
-
-
-def _leg(joints: dict[str, Mat]) -> Vec:
-    """Length of a stretched leg, the mean of both ``(T,)``."""
-    legs = [_length(joints, side, "hip", "knee") + _length(joints, side, "knee", "ankle") for side in SIDES]
-    return np.asarray(0.5 * (legs[0] + legs[1]))
-
-
-def _length(joints: dict[str, Mat], side: str, one: str, two: str) -> Vec:
-    return np.asarray(np.linalg.norm(joints[f"{side}_{one}"] - joints[f"{side}_{two}"], axis=1))
 
 
 def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:

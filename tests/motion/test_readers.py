@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from hqp.errors import DeclarationError
 from hqp.motion import Motion, read_motion
+from hqp.motion.command import add_arguments
 from hqp.motion.joints import parts_of
 from hqp.motion.smplx import NAMES as SMPLX
 
@@ -30,7 +32,6 @@ def test_npz_comes_back(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fps", [30.0, 120.0])
 def test_bvh_with_position_channels_in_every_joint(tmp_path: Path, fps: float) -> None:
-    pytest.importorskip("bvhio")
     motion = walk(0.5, fps=fps)
     read = read_motion(write_bvh(tmp_path / "walk.bvh", motion))
     assert read.fps == fps
@@ -38,7 +39,6 @@ def test_bvh_with_position_channels_in_every_joint(tmp_path: Path, fps: float) -
 
 
 def test_joints_of_a_bvh_turn(tmp_path: Path) -> None:
-    pytest.importorskip("bvhio")
     from hqp.motion.bvh import read_bvh
 
     path = tmp_path / "arm.bvh"
@@ -121,3 +121,12 @@ def test_what_is_wrong_is_told(tmp_path: Path) -> None:
     np.savez(tmp_path / "half.npz", positions=motion.positions)
     with pytest.raises(DeclarationError, match="lacks names, fps"):
         read_motion(tmp_path / "half.npz")
+
+
+@pytest.mark.parametrize("words", [["--up", "-y"], ["--up=-y"], ["--up", "x"], []])
+def test_the_axis_of_the_command(words: list[str]) -> None:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    told = parser.parse_args(["clip.bvh", "--robot", "g1", *words, "--no-collision"])
+    assert told.up == (words[-1].removeprefix("--up=") if words else "auto")
+    assert told.no_collision

@@ -1,0 +1,117 @@
+"""Files of a made-up person are read as that person, however they name, turn, scale and time it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hqp.errors import DeclarationError
+from hqp.motion import Motion, read_motion
+from hqp.motion.joints import parts_of
+from hqp.motion.person import joints_of, remarks
+
+from .files import RATES, SCHEMES, UPS, laid, mirrored, renamed, strolling, write_turning_bvh
+from .people import NAMES, PARENTS, stand, write_npz
+
+
+def _written(path: Path, kind: str, motion: Motion, rng: np.random.Generator) -> Path:
+    return write_turning_bvh(path / "clip.bvh", motion, rng) if kind == "bvh" else write_npz(path / "clip.npz", motion)
+
+
+def _alike(read: Motion, motion: Motion, scale: float) -> None:
+    """The same motion but for a turn about the vertical: heights, and places from above up to a proper rotation."""
+    one, two = read.positions / scale, motion.positions
+    np.testing.assert_allclose(one[..., 2], two[..., 2], atol=1e-5)
+    flat, other = (x[..., :2].reshape(-1, 2) for x in (one, two))
+    c, s = (flat * other).sum(), (flat[:, 0] * other[:, 1] - flat[:, 1] * other[:, 0]).sum()
+    turn = np.array([[c, -s], [s, c]]) / np.hypot(c, s)
+    np.testing.assert_allclose(flat @ turn.T, other, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["bvh", "npz"])
+@pytest.mark.parametrize("up", UPS)
+def test_axes_names_units_and_headings(tmp_path: Path, kind: str, up: str) -> None:
+    rng = np.random.default_rng([len(up), ord(up[-1]), len(kind), ord(kind[0])])
+    for scheme in SCHEMES:
+        whole, scale = strolling(rng), float(rng.choice([1.0, 100.0, 39.37]))
+        motion, parts = renamed(whole, scheme)
+        file = laid(Motion(motion.names, scale * motion.positions, motion.fps, motion.parents), up)
+        for axis in ("auto", up):
+            read = read_motion(_written(tmp_path, kind, file, rng), up=axis)
+            assert read.names == motion.names
+            assert parts_of(read.names) == parts
+            _alike(read, motion, scale)
+            assert remarks(joints_of(read, parts)) == ()
+        assert bool(read_motion(tmp_path / f"clip.{kind}").notes) == (up != {"bvh": "y", "npz": "z"}[kind])
+
+
+@pytest.mark.parametrize("fps", RATES)
+@pytest.mark.parametrize("digits", [5, 6, 7, 16])
+def test_rates_are_exact(tmp_path: Path, fps: float, digits: int) -> None:
+    motion = Motion(NAMES, stand(0.1).positions, fps, PARENTS)
+    read = read_motion(write_turning_bvh(tmp_path / "clip.bvh", motion, np.random.default_rng(0), digits), up="z")
+    assert read.fps == pytest.approx(fps, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_who_is_mirrored_lies_or_is_upside_down(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motion, parts = renamed(strolling(rng), list(SCHEMES)[seed % len(SCHEMES)])
+    assert remarks(joints_of(motion, parts)) == ()
+    assert "mirrored" in " ".join(remarks(joints_of(mirrored(motion), parts)))
+    assert "upside down in 45 of 45" in " ".join(remarks(joints_of(laid(motion, "-z"), parts)))
+    assert "lies in 45 of 45" in " ".join(remarks(joints_of(laid(motion, UPS[:2][seed % 2]), parts)))
+    swapped = {f"{s}_{limb}": name for part, name in parts.items() for s, limb in [_other(part)]}
+    arms = {part: (swapped if "shoulder" in part or "elbow" in part else parts)[part] for part in parts}
+    assert "exchanged" in " ".join(remarks(joints_of(motion, arms)))
+
+
+def _other(part: str) -> tuple[str, str]:
+    side, limb = part.split("_")
+    return {"left": "right", "right": "left"}[side], limb
+
+
+@pytest.mark.parametrize("kind", ["bvh", "npz"])
+def test_one_who_lies_on_the_floor_of_the_file_stays_lying(tmp_path: Path, kind: str) -> None:
+    """Lying along any axis of the floor, the lowest joint on it: the file's usual axis is up."""
+    usual = {"bvh": "y", "npz": "z"}[kind]
+    for k, direction in enumerate(up for up in UPS if up[-1] != "z"):
+        flat = laid(stand(0.2), direction)
+        places = flat.positions - [0.0, 0.0, flat.positions[..., 2].min() - 0.03]
+        motion = Motion(flat.names, places, flat.fps, flat.parents)
+        read = read_motion(_written(tmp_path, kind, laid(motion, usual), np.random.default_rng(k)))
+        assert read.notes == ()
+        _alike(read, motion, 1.0)
+        assert "lies" in " ".join(remarks(joints_of(read, parts_of(read.names))))
+
+
+@pytest.mark.parametrize("kind", ["bvh", "npz"])
+def test_damaged_files_end_in_one_sentence(tmp_path: Path, kind: str) -> None:
+    rng = np.random.default_rng(3)
+    path = _written(tmp_path, kind, stand(0.1), rng)
+    whole, refused = path.read_bytes(), []
+    for _ in range(120):
+        damaged = bytearray(whole[: rng.integers(len(whole))] if rng.integers(2) else whole)
+        for at in rng.integers(max(1, len(damaged)), size=rng.integers(1, 6)):
+            damaged[at : at + 1] = rng.bytes(1)
+        path.write_bytes(damaged)
+        try:
+            read_motion(path)
+        except DeclarationError as error:
+            refused.append(str(error))
+    assert len(refused) > 60
+    assert not any("\n" in error for error in refused)
+
+
+def test_names_of_chains_ends(tmp_path: Path) -> None:
+    """A foot whose toe is the end of its chain, as Blender writes it: ``foot.L`` and its end site."""
+    motion, parts = renamed(stand(0.1), "blender")
+    kept = [k for k, name in enumerate(motion.names) if not name.startswith("toe")]
+    parents = tuple(kept.index(motion.parents[k]) if motion.parents[k] >= 0 else -1 for k in kept)
+    short = Motion(tuple(motion.names[k] for k in kept), motion.positions[:, kept], motion.fps, parents)
+    text = write_turning_bvh(tmp_path / "clip.bvh", short, np.random.default_rng(0)).read_text()
+    (tmp_path / "clip.bvh").write_text(text.replace("OFFSET 0 0 0", "OFFSET 0 0.1 0"))
+    found = parts_of(read_motion(tmp_path / "clip.bvh", up="z").names)
+    assert found == {**parts, "left_toe": "foot.LEnd", "right_toe": "foot.REnd"}
