@@ -55,8 +55,8 @@ class Assembly:
         Raises ValueError for other rows.
         """
 
-    def run(self, q: Vec, v: Vec) -> None:
-        """Write rows, errors, drifts and ways left."""
+    def run(self, q: Vec, v: Vec, measured: Vec) -> None:
+        """Write rows, errors, drifts and ways left; v: velocity that limits stand around, measured: of the state."""
 
     def demand(self, v: Vec) -> None:
         """Write demands and bounds from what is in the arrays."""

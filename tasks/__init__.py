@@ -28,6 +28,7 @@ from .orientation import Orientation
 from .pose import Pose
 from .position import Position
 from .posture import Posture
+from .prescribed import PrescribedMotion
 from .support_polygon import SupportPolygon
 from .targets import ContactForce, JointTorque
 from .weld import Weld
@@ -71,6 +72,7 @@ __all__ = [
     "Pose",
     "Position",
     "Posture",
+    "PrescribedMotion",
     "SupportPolygon",
     "TorqueLimits",
     "TorqueSpeedLimits",

@@ -71,6 +71,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "Pose": lambda: (t.Pose(frame=HAND),),
     "Position": lambda: (t.Position(frame=HAND),),
     "Posture": lambda: (t.Posture(),),
+    "PrescribedMotion": lambda: (t.PrescribedMotion(joints=["R_EB"]),),
     "SupportPolygon": lambda: (t.SupportPolygon(sole=(-0.05, 0.05, -0.03, 0.03)),),
     "TorqueLimits": lambda: (t.TorqueLimits(),),
     "TorqueSpeedLimits": lambda: (t.TorqueSpeedLimits(),),
@@ -81,7 +82,16 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
 }
 """An element of each class, on CBi standing on both feet."""
 
-HELD = ("ExternalWrench", "Payload", "Frozen", "JointLimits", "BallLimits", "TorqueLimits", "ForceLimits")
+HELD = (
+    "ExternalWrench",
+    "Payload",
+    "Frozen",
+    "PrescribedMotion",
+    "JointLimits",
+    "BallLimits",
+    "TorqueLimits",
+    "ForceLimits",
+)
 """Those that belong into ``subject_to``."""
 CONTACTS = ("EdgeContact", "FixedContact", "OmniWheelContact", "PointContact", "WheelContact", "Weld", "JointCoupling")
 
@@ -135,6 +145,7 @@ ELSEWHERE: dict[str, tuple[str, str, str, str, str, str]] = {
     "Pose": ("FrameTask", "FrameTask", "FrameTask", "TaskSE3Equality", "FrameTask", "Cartesian"),
     "Position": ("FrameTask", "FrameTask", "PositionTask", "TaskSE3Equality, masked", "FrameTask", "Cartesian, masked"),
     "Posture": ("PostureTask", "PostureTask", "JointsTask", "TaskJointPosture", "PostureTask", "Postural"),
+    "PrescribedMotion": ("", "", "", "", "", ""),
     "SupportPolygon": ("", "", "CoMPolygonConstraint", "", "ComSupportPolygon*", "ConvexHull"),
     "TorqueLimits": ("", "", "enable_torque_limits", "TaskActuationBounds", "EffortConstraintOptions", "TorqueLimits"),
     "TorqueSpeedLimits": ("", "", "enable_velocity_vs_torque_limits", "", "", ""),

@@ -220,6 +220,14 @@ class Steady:
 
 
 @dataclass(frozen=True, eq=False)
+class Prescribed(_Counted):
+    """Coordinates with the measured velocity and a reference acceleration; the reference's value, zero, is not read."""
+
+    counted = "columns"
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Frozen:
     """Joints that stay at the reference ``(k,)``, or come to rest there."""
 
@@ -388,8 +396,8 @@ class KineticEnergy(_Counted):
 
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
-    | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon | Balance
-    | HoldingTorque | Momentum | KineticEnergy | Payload | ExternalWrench
+    | Still | Steady | Prescribed | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
+    | Balance | HoldingTorque | Momentum | KineticEnergy | Payload | ExternalWrench
 )  # fmt: skip
 
 

@@ -204,7 +204,7 @@ class Assembly:
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:
         saturations = []
         for member in self.members.values():
-            if member.law is not None:
+            if member.law is not None and _kind(member.element) != BOUNDED:
                 self._kp[member.part], self._kd[member.part] = gains(member.law)
             if member.law is not None and min(member.law.max_velocity, member.law.max_acceleration) < np.inf:
                 saturations.append((member.part.start, member.part.stop, *holds(member.law)))
@@ -284,7 +284,7 @@ class Assembly:
         self._copy_feedforward(given)
         if self.native_rows is not None:
             self._copy_targets(references)
-            self.native_rows.run(state.q, state.v if state.commanded is None else state.commanded)
+            self.native_rows.run(state.q, state.v if state.commanded is None else state.commanded, state.v)
         self.write(state, references)
         if self.native_rows is not None:
             self.native_rows.demand(state.v)

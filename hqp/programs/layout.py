@@ -34,6 +34,7 @@ def lay_out(
 
     ``subject_to`` comes in physical order, a quantity (force, effort, motion) never in one level with another:
 
+    0. prescribed motion: equalities that each fix one coordinate;
     1. bounds on x: the torque box, or where x is a velocity or an acceleration the limits of joints;
     2. contacts and couplings (equalities on the motion);
     3. limits of contact forces [N];
@@ -58,7 +59,9 @@ def lay_out(
             limits = not element.equality and selection_of(element, robot) is not None
             if limits:
                 return (4, quantity) if torque else (1, quantity)
-            return (2, quantity) if element.equality else (5, quantity)
+            if element.equality:
+                return (2 if selection_of(element, robot) is None else 0), quantity
+            return 5, quantity
         return (3, quantity) if element.quantity == "force" else (1, quantity)
 
     members: dict[tuple[int, int], list[Element]] = {}

@@ -96,6 +96,10 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
         "Damping": [t.Damping(), t.Damping(kinetic_energy=True, name="energy")],
         "Momentum": [t.Momentum(), t.Momentum(linear="z", angular="yx", weight=0.5), t.Momentum(linear="")],
         "Frozen": [t.Frozen(joints=[c, a]), t.Frozen(joints=b, rate=3.0, acceleration=0.5)],
+        "PrescribedMotion": [
+            t.PrescribedMotion(joints=[c, a], base=False),
+            t.PrescribedMotion(joints=b, weight=2.0),
+        ],
         "BaseVelocityLimits": [t.BaseVelocityLimits(linear=0.5, angular=2.0)],
         "Within": [
             t.Within(t.Position(frame=f), upper=0.3),
@@ -126,7 +130,7 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
     }
 
 
-NOWHERE = (t.JointVelocity, t.LowAcceleration, t.Damping, t.Momentum, t.BaseVelocityLimits)
+NOWHERE = (t.JointVelocity, t.LowAcceleration, t.Damping, t.Momentum, t.BaseVelocityLimits, t.PrescribedMotion)
 """Elements on velocities that are no rate of anything: see test_motion.py."""
 
 

@@ -66,13 +66,17 @@ class Assembly : public Limiting {
   // A demand beyond it is out of the ordinary.
   void largest(double number) { largest_ = number * number; }
 
-  void operate(const double* q, const double* v) {
+  // v: velocity that limits stand around; measured: velocity of the state.
+  void operate(const double* q, const double* v, const double* measured) {
     tree_.update(v);
     if (equation_) {
       equation_->run();
       loads_.apply(tree_, equation_->gravity(), equation_->inertia(), equation_->bias());
     }
-    for (const auto& operation : operations_) operation->run(q, v);
+    for (const auto& operation : operations_) {
+      operation->measure(measured);
+      operation->run(q, v);
+    }
   }
   void demand(const double* v) { demands_->run(v); }
   // After demand(): the constraints' rows are the first of all.

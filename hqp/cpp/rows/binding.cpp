@@ -73,7 +73,7 @@ NB_MODULE(_assembly, module) {
       .def("answers", &Assembly::answers, "call"_a, "values"_a.noconvert(), "largest"_a)
       .def("move", &Assembly::move, "robot"_a)
       .def("written", &Assembly::written, "rows"_a, "bounds"_a)
-      .def("run", &Assembly::run, "q"_a, "v"_a)
+      .def("run", &Assembly::run, "q"_a, "v"_a, "measured"_a)
       .def("demand", &Assembly::demand, "v"_a)
       .def("limit", &Assembly::limit, "v"_a, "reactions"_a)
       .def("core", &Assembly::core);

@@ -85,6 +85,27 @@ class Steady final : public Operation {  // coordinates that go on as they did
   int order_;
 };
 
+class Prescribed final : public Operation {  // coordinates that another controller moves
+ public:
+  Prescribed(Target out, std::vector<int> columns, double dt, int order)
+      : out_(out), columns_(std::move(columns)), dt_(dt), order_(order) {
+    for (std::size_t i = 0; out_.J && i < columns_.size(); ++i)
+      out_.row(static_cast<int>(i))[columns_[i]] = out_.weight;
+  }
+  void measure(const double* v) override { v_ = v; }
+  void run(const double*, const double*) override {
+    for (std::size_t i = 0; i < columns_.size(); ++i)
+      out_.lower[i] = out_.upper[i] = order_ == 1 ? v_[columns_[i]] + dt_ * out_.feedforward[i] : out_.feedforward[i];
+  }
+
+ private:
+  Target out_;
+  std::vector<int> columns_;
+  double dt_;
+  int order_;
+  const double* v_ = nullptr;  // of the state, during a tick
+};
+
 class Frozen final : public Operation {  // joints that stay where they were
  public:
   Frozen(Target out, Joints joints, double rate, double acceleration, double dt, int order)

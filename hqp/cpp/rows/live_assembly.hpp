@@ -58,9 +58,9 @@ class Assembly {
     kept_.push_back(robot);
     kinematics_ = &nb::cast<LiveKinematics&>(robot).get();
   }
-  void run(const Vector& q, const Vector& v) {
+  void run(const Vector& q, const Vector& v, const Vector& measured) {
     if (kinematics_) kinematics_->update(q.data());
-    rows_.operate(q.data(), v.data());
+    rows_.operate(q.data(), v.data(), measured.data());
   }
   void demand(const Vector& v) { rows_.demand(v.data()); }
   void limit(const Vector& v, const nb::capsule& reactions) { rows_.limit(v.data(), *hqp::reactions_of(reactions)); }
@@ -83,7 +83,7 @@ class Assembly {
   // solved; rows alone.
   bool take(const nb::tuple& references) { return loop_.take(references, true); }
   bool write(const double* q, const double* v) {
-    rows_.operate(q, v);
+    rows_.operate(q, v, v);
     rows_.demand(v);
     return rows_.small();
   }

@@ -62,6 +62,10 @@ class Operations {
     }
     if (name == "Still") return std::make_unique<Still>(out, picked("columns", nv_, false));
     if (name == "Steady") return std::make_unique<Steady>(out, picked("columns", nv_, false), order_);
+    if (name == "Prescribed") {
+      if (!out.feedforward) throw std::invalid_argument("a prescribed motion of the plan has no acceleration");
+      return std::make_unique<Prescribed>(out, picked("columns", nv_), dt_, order_);
+    }
     if (name == "Frozen")
       return std::make_unique<Frozen>(out, joints(p.part("joints")), p.number("rate"), p.number("acceleration"), dt_,
                                       order_);

@@ -28,6 +28,8 @@ class Operation {
  public:
   virtual ~Operation() = default;
   virtual void run(const double* q, const double* v) = 0;
+  // Take the measured velocity ahead of run(), whose v may be the one that was sent last.
+  virtual void measure(const double*) {}
   // Write the hold value of the element, in the form of its reference, for a reference of zeros; false if it holds the
   // declared value.
   virtual bool hold(const double*, const double*, double*) { return false; }

@@ -102,7 +102,7 @@ class Line {
   void write(const double* q, const double* v, const double* velocity) {
     if (parts_.kinematics) parts_.kinematics->update(q);
     for (int i = 0; slowed_ && i < nv_; ++i) slowed_[i] = v[i] * slowing_[i];
-    assembly().operate(q, velocity);
+    assembly().operate(q, velocity, v);
     if (foreign_ && foreign_->writes) foreign_->write();
     assembly().demand(velocity);
   }
@@ -186,7 +186,7 @@ class Line {
   bool at_rest(const double* q) {
     std::fill(still_.begin(), still_.end(), 0.0);
     parts_.kinematics->update(q);
-    assembly().operate(q, still_.data());
+    assembly().operate(q, still_.data(), still_.data());
     assembly().weight(still_.data());
     return torque()->at_rest(still_.data(), holding_.data(), felt_.data());
   }
