@@ -33,7 +33,8 @@ class RobotKinematics:
     prismatic joint d [m] as d 180 / pi.
 
     urdf_path: or a name that ``hqp.robots.load`` takes, or a fixed-base Robot.  target_frame_name: frame of the
-    gripper.  joint_names: joints in the arguments of ``forward_kinematics`` and ``inverse_kinematics``, all by default.
+    gripper.  joint_names: joints in the arguments of ``forward_kinematics`` and ``inverse_kinematics``, by default all
+    of one axis in the order of the model, followers of mimic joints as well.
     steps: number of steps of 20 ms at a gain of 25/s in one call of ``inverse_kinematics``, at most.  Raises
     ModelError, FrameNotFound or JointNotFound, DeclarationError for joints of several axes.
     """
@@ -52,10 +53,11 @@ class RobotKinematics:
         loaded: Any = urdf_path
         self.robot: Any = robots.load(urdf_path, floating=False) if isinstance(loaded, (str, Path)) else loaded
         self.target_frame_name = target_frame_name
-        self.joint_names = list(self.robot.joint_names) if joint_names is None else list(joint_names)
-        self._columns = self.robot.joints(self.joint_names)
         if self.robot.floating:
             raise DeclarationError("RobotKinematics", "floating base", value=self.robot.name, allowed="a fixed base")
+        every = [n for n in self.robot.model.names[1:] if self.robot.joints(n).size == 1]
+        self.joint_names = every if joint_names is None else list(joint_names)
+        self._columns = self.robot.joints(self.joint_names)
         if self._columns.size != len(self.joint_names):
             raise DeclarationError("RobotKinematics", "joint_names", value=joint_names, allowed="joints of one axis")
         self._turning = np.flatnonzero(np.isin(self._columns, self.robot.continuous))

@@ -89,6 +89,7 @@ def test_poses_are_those_of_the_documented_class(seed: int, tmp_path: Path) -> N
         found = ours.inverse_kinematics(degrees, ours.forward_kinematics(degrees))
         assert found[-2:].tolist() == [33.0, -7.0]
         assert found == pytest.approx(degrees, abs=1e-4)
+    assert RobotKinematics(arm.path, "left").joint_names == list(theirs.model.names[1:])
     with pytest.raises(DeclarationError, match="at least"):
         ours.forward_kinematics(degrees[: len(arm.names) - 1])
 
@@ -97,8 +98,10 @@ def test_poses_are_those_of_the_documented_class(seed: int, tmp_path: Path) -> N
 def test_poses_are_those_of_lerobot(seed: int, tmp_path: Path) -> None:
     theirs = pytest.importorskip("lerobot.model.kinematics", exc_type=ImportError)
     pytest.importorskip("placo", exc_type=ImportError)
-    arm = Drawn(seed, tmp_path)
-    ours, theirs = (kind(str(arm.path), "left", arm.names) for kind in (RobotKinematics, theirs.RobotKinematics))
+    arm, kinds = Drawn(seed, tmp_path), (RobotKinematics, theirs.RobotKinematics)
+    ours, theirs = (kind(str(arm.path), "left").joint_names for kind in kinds)
+    assert ours == theirs
+    ours, theirs = (kind(str(arm.path), "left", arm.names) for kind in kinds)
     for _ in range(5):
         degrees = arm.positions()
         np.testing.assert_allclose(ours.forward_kinematics(degrees), theirs.forward_kinematics(degrees), atol=1e-9)
