@@ -18,7 +18,7 @@ from hqp.tasks import JointLimits, Pose, Position, Posture
 
 FILE = "envs/assets/hand/manipulate_block.xml"
 file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(find_spec("gymnasium_robotics").origin).parent / FILE
-robot = hqp.robots.load(file)
+robot = hqp.robots.load(file, root=("robot0:hand mount", "object"))  # the fingers move the cube: it is of the robot
 off = 0.025 + 0.008  # half of the cube, and a tip [m]
 PLACES = {"th": (off, 0.0, 0.0), "ff": (-off, 0.0, -0.012), "mf": (-off, 0.0, 0.012)}
 tips = {k: Position(frame=f"robot0:S_{k}tip", relative_to="object", name=k) for k in PLACES}

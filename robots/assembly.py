@@ -8,8 +8,8 @@ from typing import Any
 
 from hqp.errors import FrameNotFound, JointNotFound, ModelError
 
-from . import urdf_plant
-from .from_mjcf import set_root
+from . import file_kind, urdf_plant
+from .from_mjcf import parsed, set_root
 from .from_tables import FOLDER, OWN
 from .mjcf_names import body_names, joint_names
 from .mujoco_extra import mujoco
@@ -35,9 +35,10 @@ def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Pat
         own |= description["mjcf"]
     if mjcf is None and source is not None:
         path = Path(source)
-        spec = urdf_plant.read(robot) if path.suffix == ".urdf" else parsed(path)
-        if path.suffix != ".urdf" and robot.description.rooted is not None:
-            set_root(spec, robot.description.rooted)
+        is_urdf = file_kind.of(path) == "urdf"
+        spec = urdf_plant.read(robot) if is_urdf else parsed(path)
+        if not is_urdf and robot.description.rooted is not None:
+            set_root(spec, robot.description.rooted, robot.description.roots)
     elif Path(stem).is_file():
         path = Path(stem)
         spec = parsed(path)
@@ -45,14 +46,6 @@ def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Pat
         raise ModelError(f"no MJCF {stem!r}: neither a file nor one of {', '.join(own)}")
     name_all(spec)
     return prepared(spec, timestep), path, {}
-
-
-def parsed(path: Path) -> Any:
-    """The file as a MjSpec; raises ModelError."""
-    try:
-        return mujoco.MjSpec.from_file(str(path.absolute()))
-    except ValueError as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
 
 
 def prepared(spec: Any, timestep: float) -> Any:

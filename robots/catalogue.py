@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from hqp.errors import DeclarationError, ModelError, ModelWarning, closest
 
-from . import from_srdf, from_urdf
+from . import file_kind, from_srdf, from_urdf
 from .description import Description
 from .on_pinocchio import Robot, Wheel
 from .rotors import rotor_inertia
@@ -33,21 +33,27 @@ _DATA = "example-robot-data"
 
 def load(
     source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool | float = False,
-    srdf: str | Path | None = None,
+    srdf: str | Path | None = None, root: str | Sequence[str] | None = None,
 ) -> Robot:  # fmt: skip
-    """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
+    """A robot from a catalogue name, a URDF or MJCF file, a robot_descriptions name or a pinocchio.Model.
 
     floating: true for a free base.  None uses the catalogue for a name, the file or model for an MJCF or a
     pinocchio.Model, and for any other URDF a fixed base, unless the file has a floating joint at its root.  rotors:
     give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an MJCF
     brings its own); a number [kg m^2] is that of every motor whose file gives none.  srdf: SRDF of a URDF path; None
     takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become ``robot.configurations``; pairs of links
-    that it disables are left out of ``CollisionAvoidance()``.  Raises ModelError if no robot has that name (with the
-    closest names) or a file cannot be read, DeclarationError for another type, an SRDF without a URDF, or a base that
-    differs from the request and cannot be changed.
+    that it disables are left out of ``CollisionAvoidance()``.  root: bodies of an MJCF; the robot is what they carry
+    and are part of.  None takes what actuators move; other moving bodies become ``robot.obstacles``, and a note lists
+    them.  A file is URDF or MJCF by its content, whatever its suffix.  Raises ModelError if no robot has that name
+    (with the closest names) or a file cannot be read, DeclarationError for another type, an SRDF without a URDF, a root
+    without an MJCF, or a base that differs from the request and cannot be changed.
     """
-    if srdf is not None and not (isinstance(source, (str, Path)) and Path(source).suffix.lower() == ".urdf"):
-        raise DeclarationError("robot", "an SRDF needs a URDF", value=source, allowed="a path that ends in .urdf")
+    path = Path(source) if isinstance(source, (str, Path)) else Path()
+    kind = file_kind.of(path) if path.is_file() and str(source) not in names() else ""
+    if srdf is not None and kind != "urdf":
+        raise DeclarationError("robot", "an SRDF needs a URDF", value=source, allowed="the path of a URDF")
+    if root is not None and kind != "mjcf":
+        raise DeclarationError("root", "chooses among the bodies of an MJCF", value=source, allowed="a path of an MJCF")
     if isinstance(source, pin.Model):
         robot = Robot(source, name=name)
         if floating not in (None, robot.floating):
@@ -58,24 +64,24 @@ def load(
         raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
     if str(source) in _OWN:
         return _own(str(source), floating is not False, rotors is not False)
-    robot = _named(str(source), floating, name, srdf)
-    if rotors and robot.source is not None and robot.source.suffix.lower() == ".urdf":
+    robot = _from_file(path, floating, name, srdf, root) if kind else _named(str(source), floating, name)
+    if rotors and robot.description is not None and robot.description.simulated is None:
         for joint, inertia in rotor_inertia(robot, None if rotors is True else float(rotors)).items():
             robot.model.armature[robot.model.joints[robot.model.getJointId(joint)].idx_v] = inertia
     return robot
 
 
-def _named(key: str, floating: bool | None, name: str | None, srdf: str | Path | None) -> Robot:
+def _named(key: str, floating: bool | None, name: str | None) -> Robot:
     path = Path(key)
+    if path.suffix.lower() == ".xacro":
+        raise ModelError(f"{path} is not a URDF: run xacro {path} > {path.name.removesuffix('.xacro')}")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
-        return _from_file(path, floating, name, srdf)
+        raise ModelError(f"no such file: {path}")
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
     found = _description(key)
-    if found is None and path.suffix == ".xacro":
-        raise ModelError(f"{path} is not a URDF: run xacro {path} > {path.name.removesuffix('.xacro')}")
     if found is None:
-        near = closest(key, names()) or ("none; `hqp robots` lists them, files end in .urdf, .xml or .mjcf",)
+        near = closest(key, names()) or ("none; `hqp robots` lists them; a path of a URDF or MJCF loads as well",)
         raise ModelError(f"no robot {key!r}; closest: {', '.join(near)}{_hint()}")
     return _from_file(found, floating, name or key)
 
@@ -155,12 +161,16 @@ def _stand(
         q[2] = base
 
 
-def _from_file(path: Path, floating: bool | None, name: str | None, srdf: str | Path | None = None) -> Robot:
-    if not path.is_file():
-        raise ModelError(f"no such file: {path}")
-    found = _read(path, floating)
+def _from_file(
+    path: Path,
+    floating: bool | None,
+    name: str | None,
+    srdf: str | Path | None = None,
+    root: str | Sequence[str] | None = None,
+) -> Robot:
+    found = _read(path, floating, root)
     beside = path.with_suffix(".srdf")
-    if srdf is not None or (path.suffix.lower() == ".urdf" and beside.is_file()):
+    if srdf is not None or (found.simulated is None and beside.is_file()):
         from_srdf.read(Path(srdf or beside), found)
     robot = Robot(found.model, name=name or path.stem, description=found)
     for text in found.warnings:
@@ -168,12 +178,12 @@ def _from_file(path: Path, floating: bool | None, name: str | None, srdf: str | 
     return robot
 
 
-def _read(path: Path, floating: bool | None) -> Description:
-    if path.suffix.lower() == ".urdf":
+def _read(path: Path, floating: bool | None, root: str | Sequence[str] | None = None) -> Description:
+    if file_kind.of(path) == "urdf":
         return from_urdf.read(path, floating)
     from . import agreement, from_mjcf  # MuJoCo is an extra
 
-    found = from_mjcf.read(path, floating)
+    found = from_mjcf.read(path, floating, root)
     agreement.check(found)
     return found
 

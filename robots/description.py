@@ -9,6 +9,8 @@ from typing import Any
 from hqp.arrays import Vec
 from hqp.errors import ModelError
 
+from .obstacles import Obstacles
+
 MOST = 400
 """Most coordinates of a model: Pinocchio's data grow with their cube."""
 
@@ -28,7 +30,8 @@ class Description:
     """A model read from a file.
 
     model: pinocchio.Model.  source: the file.  rooted: true if its root was freed or fixed on reading.  simulated: the
-    MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its placement there.
+    MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its placement there.  roots:
+    its bodies that carry the robot and hang on the world.  scene: its moving bodies that are not the robot, obstacles.
     actuated: joints with a motor, None for all of one axis.  home ``(nq,)`` and named configurations.  couplings:
     (coefficients by joint, offset), sum c_j q_j = offset.  cones: by joint of three axes the largest turn from its zero
     [rad].  disabled_pairs: links that an SRDF disables.  notes: parts of the file that the model lacks.  warnings:
@@ -40,6 +43,9 @@ class Description:
     simulated: Any = None
     rooted: bool | None = None
     carriers: list[tuple[int, Any]] = field(default_factory=list)
+    roots: tuple[int, ...] = ()
+    scene: frozenset[int] = frozenset()
+    obstacles: Obstacles = field(default_factory=Obstacles)
     actuated: tuple[str, ...] | None = None
     home: Vec | None = None
     configurations: dict[str, Vec] = field(default_factory=dict)

@@ -1,12 +1,14 @@
 """MJCF files as Pinocchio models, through MuJoCo's compiled model: the controlled model is the simulated one.
 
-Every body of the tree is taken: several roots, several joints on a body, hinges, slides, balls, free bodies, bodies
-without a joint and mocap bodies (fixed in the world where the file has them).  Joint positions are MuJoCo's qpos,
-measured from the same zero.  ``agreement.check`` compares the result with MuJoCo.
+The robot is what actuators move (``mjcf_parts``): several roots, several joints on a body, hinges, slides, balls and
+free bodies.  Bodies that cannot move, mocap bodies among them, are fixed in the world where the file has them; other
+moving bodies are obstacles.  Joint positions are MuJoCo's qpos, measured from the same zero.  ``agreement.check``
+compares the result with MuJoCo.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ import pinocchio as pin
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ModelError
 
-from . import mjcf_limits
+from . import mjcf_limits, mjcf_obstacles, mjcf_parts
 from .description import LARGEST, Description, require_room
 from .mjcf_names import body_names, joint_names, site_name
 from .mujoco_extra import mujoco
@@ -34,24 +36,41 @@ _RANGES = ("jnt_range", "jnt_actfrcrange", "actuator_forcerange", "actuator_ctrl
 """Ranges read from a MjModel; ranges may be infinite."""
 
 
-def compiled(path: Path, floating: bool | None = None) -> Any:
-    """Compile the file to a MjModel, with its root freed or fixed on request; raises ModelError."""
-    try:
-        spec = mujoco.MjSpec.from_file(str(path.absolute()))
-        if floating is not None:
-            set_root(spec, floating)
-        simulated = spec.compile()
-    except (ValueError, MemoryError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
+def compiled(path: Path, floating: bool | None = None, root: str | Sequence[str] | None = None) -> Any:
+    """Compile the file to a MjModel, with the robot's root freed or fixed on request; raises ModelError."""
+    spec = parsed(path)
+    simulated = _compile(spec, path)
+    if floating is not None and simulated.nv:
+        set_root(spec, floating, root_bodies(simulated, mjcf_parts.robot_bodies(simulated, root, path)))
+        simulated = _compile(spec, path)
     _represented(simulated, path)
     return simulated
+
+
+def parsed(path: Path) -> Any:
+    """The file as a MjSpec; raises ModelError."""
+    try:
+        return mujoco.MjSpec.from_file(str(path.absolute()))
+    except (ValueError, MemoryError, mujoco.FatalError) as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+
+
+def _compile(spec: Any, path: Path) -> Any:
+    try:
+        return spec.compile()
+    except (ValueError, MemoryError, mujoco.FatalError) as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+
+
+def root_bodies(simulated: Any, own: frozenset[int]) -> list[int]:
+    """Bodies that carry the robot and hang on the world, by index."""
+    return sorted({int(simulated.body_rootid[body]) for body in own})
 
 
 def _represented(simulated: Any, path: Path) -> None:
     """Raise ModelError for parts that a tree of rigid bodies cannot represent, and for invalid names and numbers."""
     if simulated.nflex:
         raise ModelError(f"{path}: deformable bodies (flex) are not supported, rigid bodies only")
-    require_room(path, simulated.nv)
     try:
         bytes(simulated.names).decode()
     except UnicodeDecodeError as error:
@@ -62,16 +81,20 @@ def _represented(simulated: Any, path: Path) -> None:
             raise ModelError(f"{path}: MuJoCo reads {name} as a number that is not finite or too large")
 
 
-def set_root(spec: Any, floating: bool) -> None:
-    """Give the one root body of a MjSpec a free joint, or take it away; raises DeclarationError where unclear."""
-    roots = list(spec.worldbody.bodies)
+def set_root(spec: Any, floating: bool, own: Sequence[int]) -> None:
+    """Give the one root body of the robot a free joint in a MjSpec, or take it away.
+
+    own: its root bodies, by index.  Raises DeclarationError where unclear.
+    """
+    bodies = list(spec.bodies)
+    roots = [bodies[i] for i in own]
     free = [j for body in roots for j in body.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
     if floating == bool(free):
         return
     if len(free) > 1 or (floating and (len(roots) != 1 or list(roots[0].joints))):
         raise DeclarationError(
             "floating",
-            f"the file has {len(roots)} root bodies, {len(free)} of them free",
+            f"the robot has {len(roots)} root bodies, {len(free)} of them free",
             value=floating,
             allowed="None, to use the root of the file",
         )
@@ -83,12 +106,15 @@ def set_root(spec: Any, floating: bool) -> None:
         spec.delete(free[0])
 
 
-def read(path: Path, floating: bool | None = None) -> Description:
-    """The file's model, home, keyframes, motors, couplings and limits; raises ModelError, DeclarationError."""
-    simulated = compiled(path, floating)
+def read(path: Path, floating: bool | None = None, root: str | Sequence[str] | None = None) -> Description:
+    """The file's robot: model, home, keyframes, motors, couplings and limits; raises ModelError, DeclarationError.
+
+    root: see ``mjcf_parts.robot_bodies``.
+    """
+    simulated = compiled(path, floating, root)
     if simulated.nv == 0:
         raise ModelError(f"{path}: no joint (MuJoCo compiles it with nv = 0), needed at least one")
-    found = describe(simulated, path)
+    found = describe(simulated, path, root)
     found.rooted = floating
     free = found.model.joints[1].shortname() == "JointModelFreeFlyer"
     if floating is not None and free != floating:
@@ -101,21 +127,30 @@ def read(path: Path, floating: bool | None = None) -> Description:
     return found
 
 
-def describe(simulated: Any, path: Path) -> Description:
-    """A compiled MjModel as a description of a robot."""
-    tree = _Tree(simulated)
+def describe(simulated: Any, path: Path, root: str | Sequence[str] | None = None) -> Description:
+    """The robot of a compiled MjModel as a description."""
+    own = mjcf_parts.robot_bodies(simulated, root, path)
+    require_room(path, sum(int(simulated.body_dofnum[body]) for body in own))
+    tree = _Tree(simulated, own)
     found = Description(model=tree.model, source=path, simulated=simulated, carriers=tree.carriers)
-    mjcf_limits.read(simulated, found)
+    found.roots = tuple(root_bodies(simulated, own))
+    mjcf_limits.read(simulated, found, own)
     if tree.renamed:
         found.notes.append(f"sites with the name of another body are renamed to NAME_site: {', '.join(tree.renamed)}")
+    if others := mjcf_parts.scene_roots(simulated, own):
+        found.scene = frozenset(np.flatnonzero(simulated.body_treeid >= 0).tolist()) - own
+        found.obstacles = mjcf_obstacles.read(simulated, tree.bodies, own)
+        why = "no actuator moves them" if root is None else f"root={root!r}"
+        told = f"not part of the robot ({why}), frames that stay in place and robot.obstacles: {', '.join(others)}"
+        found.notes.append(told)
     return found
 
 
 class _Tree:
-    """Builds the Pinocchio model: a chain of joints for each body, inertias and frames where the body ends up."""
+    """Builds the Pinocchio model: a chain of joints for each of the robot's bodies, inertias, frames."""
 
-    def __init__(self, simulated: Any) -> None:
-        self.source = simulated
+    def __init__(self, simulated: Any, own: frozenset[int]) -> None:
+        self.source, self.own = simulated, own
         self.model = model = pin.Model()
         model.name = bytes(simulated.names).split(b"\0")[0].decode() or "mjcf"
         model.gravity.linear = np.array(simulated.opt.gravity)
@@ -152,8 +187,8 @@ class _Tree:
         source, model = self.source, self.model
         joint, placement = self.carriers[int(source.body_parentid[body])]
         placement = placement * _placement(source.body_pos[body], source.body_quat[body])
-        first = int(source.body_jntadr[body])
-        for j in range(first, first + int(source.body_jntnum[body])):
+        first, count = int(source.body_jntadr[body]), int(source.body_jntnum[body])
+        for j in range(first, first + count if body in self.own else first):
             kind, anchor, axis = int(source.jnt_type[j]), np.array(source.jnt_pos[j]), np.array(source.jnt_axis[j])
             zero = float(source.qpos0[source.jnt_qposadr[j]])
             if kind == _FREE:

@@ -60,10 +60,10 @@ def _from_mujoco(found: Description, kind: Kind) -> Any:
     collides = (np.asarray(simulated.geom_contype) != 0) | (np.asarray(simulated.geom_conaffinity) != 0)
     shown = np.asarray(simulated.geom_group) <= 2
     for g in np.flatnonzero(collides if kind == "collision" else shown):
-        shape = _shape(simulated, int(g))
+        body = int(simulated.geom_bodyid[g])
+        shape = _shape(simulated, int(g)) if body not in found.scene else None
         if shape is None:
             continue
-        body = int(simulated.geom_bodyid[g])
         joint, placement = found.carriers[body]
         local = pin.SE3(pin.Quaternion(*np.array(simulated.geom_quat[g])).matrix(), np.array(simulated.geom_pos[g]))
         name = simulated.geom(g).name or f"{simulated.body(body).name or body}_{g - simulated.body_geomadr[body]}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from .description import Description
 from .mjcf_names import body_names, joint_names
+from .mjcf_parts import equality_bodies, own_joints
 from .mujoco_extra import mujoco
 from .state_map import StateMap
 
@@ -16,21 +17,21 @@ _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 _HOMES = ("home", "stand", "standing")
 
 
-def read(simulated: Any, found: Description) -> None:
-    """Fill in all of a description but its model, from a compiled MjModel."""
-    _read_joints(simulated, found)
-    _read_motors(simulated, found)
-    _read_couplings(simulated, found)
-    _read_notes(simulated, found)
+def read(simulated: Any, found: Description, own: frozenset[int]) -> None:
+    """Fill in all of a description but its model, from a compiled MjModel; own: the bodies of the robot."""
+    _read_joints(simulated, found, own)
+    _read_motors(simulated, found, own)
+    _read_couplings(simulated, found, own)
+    _read_notes(simulated, found, own)
 
 
-def _read_joints(simulated: Any, found: Description) -> None:
+def _read_joints(simulated: Any, found: Description, own: frozenset[int]) -> None:
     """Position, effort and friction of each joint, rotor inertia, home and keyframes, in Pinocchio's order."""
-    model, names = found.model, joint_names(simulated)
+    model = found.model
     lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
     model.velocityLimit = np.full(model.nv, np.inf)
     effort, unequal = np.full(model.nv, np.inf), []
-    for j, name in enumerate(names):
+    for name, j in own_joints(simulated, own).items():
         joint, dof = model.joints[model.getJointId(name)], int(simulated.jnt_dofadr[j])
         columns = slice(joint.idx_v, joint.idx_v + joint.nv)
         model.armature[columns] = simulated.dof_armature[dof : dof + joint.nv]
@@ -65,9 +66,10 @@ def driven(simulated: Any) -> list[int]:
     return sorted({int(j) for j in simulated.actuator_trnid[on_joint, 0]})
 
 
-def _read_motors(simulated: Any, found: Description) -> None:
+def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> None:
     """Actuated joints: joints of joint actuators, all of one axis if the file has no such actuator."""
-    names, moved = joint_names(simulated), driven(simulated)
+    names = joint_names(simulated)
+    moved = [j for j in driven(simulated) if int(simulated.jnt_bodyid[j]) in own]
     single = {j for j in range(simulated.njnt) if int(simulated.jnt_type[j]) in (_SLIDE, _HINGE)}
     motors = [names[j] for j in moved if j in single]
     found.actuated = tuple(motors) if motors else None
@@ -102,10 +104,12 @@ def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
     return least, all(small == large for small, large, both in ends if both)
 
 
-def _read_couplings(simulated: Any, found: Description) -> None:
+def _read_couplings(simulated: Any, found: Description, own: frozenset[int]) -> None:
     """Linear equalities of joints: q1 - ref1 = a0 + a1 (q2 - ref2)."""
     names, ref = joint_names(simulated), simulated.qpos0[simulated.jnt_qposadr]
-    for e in np.flatnonzero(simulated.eq_active0):
+    for e in np.flatnonzero(simulated.eq_active0).tolist():
+        if own.isdisjoint(equality_bodies(simulated, e)):
+            continue  # of the scene
         kind, one, two = (
             mujoco.mjtEq(int(simulated.eq_type[e])),
             *(int(simulated.eq_obj1id[e]), int(simulated.eq_obj2id[e])),
@@ -123,13 +127,11 @@ def _read_couplings(simulated: Any, found: Description) -> None:
             found.warnings.append(f"equality constraint {name} ({word}) of the file is ignored")
 
 
-def _read_notes(simulated: Any, found: Description) -> None:
-    names, bodies = joint_names(simulated), body_names(simulated)
-    if springs := [
-        names[j] for j in np.flatnonzero(np.asarray(simulated.jnt_stiffness).reshape(simulated.njnt, -1)[:, 0])
-    ]:
+def _read_notes(simulated: Any, found: Description, own: frozenset[int]) -> None:
+    bodies, stiffness = body_names(simulated), np.asarray(simulated.jnt_stiffness).reshape(simulated.njnt, -1)[:, 0]
+    if springs := [name for name, j in own_joints(simulated, own).items() if stiffness[j]]:
         found.notes.append(f"springs of the file are ignored in the model's forces: {_some(springs)}")
-    if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp)]:
+    if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp) if b in own]:
         found.notes.append(f"gravity compensation of the file is ignored in the model's forces: {_some(light)}")
     if simulated.ntendon and np.any(simulated.tendon_armature):
         found.warnings.append("rotor inertia of tendons is ignored in the model's inertia, MuJoCo has it")

@@ -19,7 +19,7 @@ import numpy as np
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError, JointNotFound, ModelError
 
-from . import scene
+from . import file_kind, scene
 from .actuators import Actuation, Servo, fit
 from .assembly import add_imu, find, root_of, set_armature
 from .frames import Frames
@@ -108,7 +108,7 @@ class Plant:
         self._wheels: Index = np.array([driven.index(name) for name in self.map.wheels], dtype=np.intp)
         self._contacts, self.watched = watch(self.model, self._frames, watched, _default_watched(robot, about))
         self._start = self._initial()
-        if path.suffix == ".urdf":
+        if file_kind.of(path) == "urdf":
             self._start = out_of_ground(self.model, self.map, self._start)
         self._delay, self._seed = round(delay / timestep), seed
         self.timestep = timestep
@@ -276,7 +276,7 @@ class Plant:
 def _armature(robot: Any, path: Path, about: Mapping[str, Any]) -> Mapping[str, float]:
     """Default armature of joints."""
     if not about:
-        return rotor_inertia(robot) if path.suffix == ".urdf" else {}
+        return rotor_inertia(robot) if file_kind.of(path) == "urdf" else {}
     return dict(about.get("plant", {}).get("armature", {}))
 
 

@@ -18,6 +18,7 @@ from hqp.shapes import LinkCapsule
 from . import expanded, kinematic_tree
 from .checks import measure, unit_parts
 from .joints import Joints, actuation, matrix
+from .obstacles import Obstacles
 from .placement import se3
 from .state import State
 
@@ -257,6 +258,11 @@ class Robot:
         if self._geometry is None:
             self._geometry = self._shapes("collision")
         return self._geometry
+
+    @property
+    def obstacles(self) -> Obstacles:
+        """Bodies that the file moves and that are not the robot, as shapes for ``CollisionAvoidance(world=...)``."""
+        return self.description.obstacles if self.description is not None else Obstacles()
 
     @property
     def visual(self) -> Any:

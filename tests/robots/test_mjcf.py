@@ -19,12 +19,14 @@ from hqp.robots.state_map import StateMap
 pytestmark = pytest.mark.filterwarnings("ignore:arm.xml:hqp.errors.ModelWarning")
 DATA = Path(__file__).parents[1] / "data" / "mjcf"
 FILES = sorted(DATA.glob("*.xml"))
+EVERY = {"mobile_arm": ("cube", "base", "post"), "two_legs": ("pelvis", "ball"), "arm": ("stand",)}
+"""Roots of all that moves, by file."""
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
     """Beside the check at load: every body's place, M and the bias forces at states of every joint."""
-    robot, simulated = hqp.robots.load(path), mujoco.MjModel.from_xml_path(str(path))
+    robot, simulated = hqp.robots.load(path, root=EVERY[path.stem]), mujoco.MjModel.from_xml_path(str(path))
     assert robot.nv == simulated.nv
     data, convert = mujoco.MjData(simulated), StateMap(simulated, robot)
     rng = np.random.default_rng(3)
@@ -54,7 +56,7 @@ def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
 
 
 def test_mobile_arm_is_taken_over() -> None:
-    robot = hqp.robots.load(DATA / "mobile_arm.xml")
+    robot = hqp.robots.load(DATA / "mobile_arm.xml", root=EVERY["mobile_arm"])
     assert not robot.floating
     assert robot.nv == 3 + 2 + 3 + 2 + 1 + 6
     assert robot.joint_names == ("base_x", "base_y", "base_yaw", "shoulder", "lift", "left")
@@ -127,7 +129,7 @@ def test_an_effort_limit_is_the_torque_that_mujocos_actuator_can_give(
 
 
 def test_base_is_the_free_body_with_joints_and_starts_where_the_file_says() -> None:
-    robot = hqp.robots.load(DATA / "two_legs.xml")
+    robot = hqp.robots.load(DATA / "two_legs.xml", root=EVERY["two_legs"])
     assert robot.floating
     assert robot.nv == 6 + 3 + 1 + 1 + 6
     np.testing.assert_allclose(robot.home[:3], [0.3, 0.1, 0.75])

@@ -34,10 +34,10 @@ FINGER = """
 """
 
 
-def load(folder: Path, text: str) -> Any:
+def load(folder: Path, text: str, root: Any = None) -> Any:
     path = folder / "finger.xml"
     path.write_text(text)
-    return hqp.robots.load(path)
+    return hqp.robots.load(path, root=root)
 
 
 def test_a_name_of_a_body_and_a_site_is_the_bodys(tmp_path: Path) -> None:
@@ -75,8 +75,10 @@ def test_deformable_bodies_are_refused_by_name(tmp_path: Path) -> None:
 def test_a_file_with_more_bodies_than_there_is_room_for_is_refused(tmp_path: Path) -> None:
     """Data of Pinocchio take 32 nv^3 bytes: minutes and gigabytes for a heap of boxes."""
     heap = "".join(f'<body pos="0 0 {k}"><freejoint/><geom size=".1"/></body>' for k in range(67))
+    text = FINGER.replace("</worldbody>", f"{heap}</worldbody>")
     with pytest.raises(ModelError, match="nv = 404, allowed 400"):
-        load(tmp_path, FINGER.replace("</worldbody>", f"{heap}</worldbody>"))
+        load(tmp_path, text, root=("palm", *(f"body_{k}" for k in range(3, 70))))
+    assert load(tmp_path, text).nv == 2
 
 
 def test_rotor_inertia_of_a_tendon_is_warned_of(tmp_path: Path) -> None:
@@ -90,7 +92,7 @@ def test_a_centre_of_mass_that_is_almost_at_the_origin_is_no_reason_to_refuse(tm
     """MuJoCo takes such a free body as simple, with a diagonal inertia."""
     body = """<body><freejoint/><geom size=".1" mass="0"/>
       <inertial pos="2e-9 1e-9 0" mass="200" diaginertia=".5 .5 .5"/></body>"""
-    robot = load(tmp_path, FINGER.replace("</worldbody>", f"{body}</worldbody>"))
+    robot = load(tmp_path, FINGER.replace("</worldbody>", f"{body}</worldbody>"), root=("palm", "body_3"))
     assert robot.nv == 8
 
 

@@ -117,7 +117,8 @@ def written(folder: Path, body: str, before: str = "", after: str = "", compiler
 @pytest.mark.parametrize("name", WRITTEN)
 def test_what_is_written_is_what_moves(name: str, tmp_path: Path) -> None:
     path = written(tmp_path, *WRITTEN[name])
-    robot, simulated = hqp.robots.load(path), mujoco.MjModel.from_xml_path(str(path))
+    root = ("a", "b", "cube") if "cube" in name else None
+    robot, simulated = hqp.robots.load(path, root=root), mujoco.MjModel.from_xml_path(str(path))
     data, convert = mujoco.MjData(simulated), StateMap(simulated, robot)
     assert robot.nv == simulated.nv
     rng = np.random.default_rng(1)
@@ -153,7 +154,7 @@ def test_of_unequal_effort_limits_the_smaller_one_counts(tmp_path: Path) -> None
         '<motor joint="a" gear="50" ctrlrange="-1 1"/><motor joint="b" gear="2"/><motor joint="c" gear="-10"'
         ' ctrlrange="-1 2"/><position joint="d" kp="10" forcerange="-7 7"/><motor joint="e" forcerange="0 4"/>'
     )
-    robot = hqp.robots.load(written(tmp_path, joints, "", f"<actuator>{motors}</actuator>"))
+    robot = hqp.robots.load(written(tmp_path, joints, "", f"<actuator>{motors}</actuator>"), root=tuple("abcdef"))
     assert robot.effort_limit.tolist() == [50.0, 3.0, 10.0, 7.0, 4.0, np.inf]
     assert "using the smaller one: b, c" in " ".join(map(str, robot.notes))
 
