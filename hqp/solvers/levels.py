@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hqp import dlpack
-from hqp.arrays import Mat, Vec, floats
+from hqp.arrays import FLOAT, Mat, Vec, floats
 from hqp.errors import ProblemError
 from hqp.problem import Hierarchy, Rows, Selection, Solution, Status
 from hqp.solvers import exact, load
@@ -60,30 +61,36 @@ def solve_levels(
     """
     if not isinstance(levels, Sequence) or not levels:
         raise ProblemError("solve_levels: takes a sequence of levels (A, b) or (A, lower, upper), given none")
-    flat = [one for level in levels for one in _parts(level)]
-    like = dlpack.first_foreign(*flat, *(bounds or ()))
     read = [_level(k, level) for k, level in enumerate(levels)]
     n = read[0][0].shape[-1]
     for k, (A, *_) in enumerate(read):
         if A.shape[-1] != n:
             raise ProblemError(f"solve_levels: level {k} has {A.shape[-1]} columns, level 0 has {n}")
-    sides = () if bounds is None else tuple(floats("solve_levels: bounds", dlpack.numbers(side)) for side in bounds)
-    if any(A.ndim == 3 for A, *_ in read) or any(b.ndim == 2 for b in (*sides, *(b for _, *two in read for b in two))):
+    sides = () if bounds is None else tuple([_array("bounds", side) for side in bounds])
+    given = [part for level in levels for part in level] + list(bounds or ())
+    like = None if all(type(part) is np.ndarray for part in given) else dlpack.first_foreign(*given)
+    dimensions = [A.ndim - 1 for A, *_ in read] + [
+        b.ndim for level in (sides, *(two for _, *two in read)) for b in level
+    ]
+    if max(dimensions) == 2:
         return _stacked(read, sides, n, threads, like)
-    kept = _prepared(n, tuple(level[0].shape[0] for level in read), bool(sides))
-    found = kept.solve(read, sides)
-    residuals = np.array(found.norms[len(sides) // 2 :])
+    kept = _prepared(n, tuple([A.shape[0] for A, *_ in read]), bool(sides))
+    found, residuals = kept.solve(read, sides)
     return LevelsSolution(dlpack.returned(found.x.copy(), like), found.status, dlpack.returned(residuals, like))
 
 
-def _parts(level: Any) -> tuple[Any, ...]:
-    if not isinstance(level, (tuple, list)) or len(level) not in (2, 3):
-        raise ProblemError(f"solve_levels: a level is (A, b) or (A, lower, upper), given {type(level).__name__}")
-    return tuple(level)
+def _array(what: str, part: Any) -> Any:
+    """Return float64 numbers, in place if possible; the usual case first, which takes most of the calls."""
+    if type(part) is np.ndarray and part.dtype == FLOAT:
+        return part
+    return floats(f"solve_levels: {what}", dlpack.numbers(part))
 
 
 def _level(k: int, level: Any) -> tuple[Any, Vec, Vec]:
-    A, *sides = (floats(f"solve_levels: level {k}", dlpack.numbers(part)) for part in level)
+    if not isinstance(level, (tuple, list)) or len(level) not in (2, 3):
+        raise ProblemError(f"solve_levels: a level is (A, b) or (A, lower, upper), given {type(level).__name__}")
+    what = f"level {k}"
+    A, *sides = [_array(what, part) for part in level]
     if A.ndim not in (2, 3):
         raise ProblemError(f"solve_levels: A of level {k} has shape {A.shape}, allowed (m, n) and (N, m, n)")
     m = A.shape[-2]
@@ -97,29 +104,34 @@ class _Prepared:
     """A hierarchy of one shape, whose arrays are filled anew for each problem, and its workspace."""
 
     def __init__(self, n: int, rows: tuple[int, ...], bounded: bool) -> None:
-        hard = [Rows(Selection(np.arange(n)), np.zeros(n), np.zeros(n))] if bounded else []
-        self.A, self.sides = np.zeros((sum(rows), n)), np.zeros((2, sum(rows)))
-        ends = np.cumsum((0, *rows))
-        self._places = [slice(a, b) for a, b in pairwise(ends.tolist())]
-        levels = [Rows(self.A[at], self.sides[0, at], self.sides[1, at]) for at in self._places]
-        self.problem = Hierarchy((*hard, *levels), len(hard), n=n)
+        first = n if bounded else 0
+        ends = np.cumsum((first, *rows)).tolist()
+        self.A, self.lower, self.upper = np.zeros((ends[-1] - first, n)), np.zeros(ends[-1]), np.zeros(ends[-1])
+        levels = [Rows(Selection(np.arange(n)), self.lower[:n], self.upper[:n])] if bounded else []
+        self._places = [
+            (self.A[a - first : b - first], self.lower[a:b], self.upper[a:b]) for a, b in pairwise(ends)
+        ]  # fmt: skip
+        self.problem = Hierarchy((*levels, *(Rows(*place) for place in self._places)), len(levels), n=n)
         self.workspace = load(exact()).workspace(self.problem.shape)
 
-    def solve(self, levels: list[Any], bounds: tuple[Vec, ...]) -> Solution:
-        for (A, *sides), at in zip(levels, self._places, strict=True):
-            self.A[at], self.sides[0, at], self.sides[1, at] = A, sides[0], sides[-1]
-        hard = self.problem.levels[0]
-        for side, given in zip((hard.lower, hard.upper), bounds, strict=False):
+    def solve(self, levels: list[Any], bounds: tuple[Vec, ...]) -> tuple[Solution, Vec]:
+        """Return the solution and ||w_k|| of the levels."""
+        for place, level in zip(self._places, levels, strict=True):
+            place[0][:], place[1][:], place[2][:] = level
+        if bounds:
+            hard = self.problem.levels[0]
             try:
-                side[:] = given
+                hard.lower[:], hard.upper[:] = bounds
             except ValueError:
-                raise ProblemError(f"solve_levels: bounds of shape {given.shape}, allowed {side.shape}") from None
-        usual = np.isfinite(self.A).all() and (self.sides[0] <= self.sides[1]).all()
-        if not usual or bounds:
-            for level in self.problem.levels if not usual else (hard,):
-                level.check()
+                shapes = tuple(side.shape for side in bounds)
+                raise ProblemError(f"solve_levels: bounds of shapes {shapes}, allowed {hard.lower.shape}") from None
         self.workspace.reset()
-        return self.workspace.solve(self.problem)
+        found = self.workspace.solve(self.problem)
+        if not found.status.solved:  # numbers that are not usable among others
+            for level in self.problem.levels:
+                level.check()
+        missed = found.residuals[1:] if bounds else found.residuals
+        return found, np.array([math.sqrt(w @ w) for w in missed])
 
 
 def _prepared(n: int, rows: tuple[int, ...], bounded: bool) -> _Prepared:
@@ -135,7 +147,7 @@ def _prepared(n: int, rows: tuple[int, ...], bounded: bool) -> _Prepared:
 
 
 def _stacked(levels: list[Any], sides: tuple[Vec, ...], n: int, threads: int | None, like: Any) -> LevelsSolution:
-    rows = [(A, two[0], two[-1]) for A, *two in levels]
+    rows = list(levels)
     if sides:
         low, high = (np.broadcast_to(s, (*s.shape[:-1], n)) for s in sides)
         rows.insert(0, (Selection(np.arange(n)), low, high))

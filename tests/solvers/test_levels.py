@@ -125,3 +125,13 @@ def test_tensors_of_torch() -> None:
     np.testing.assert_allclose(found.x.numpy(), hqp.solve_levels(levels, bounds).x, atol=1e-4)
     moved = torch.tensor(levels[0][0][0], requires_grad=True)
     assert not hqp.solve_levels([(moved, levels[0][1][0])]).x.requires_grad
+
+
+def test_bounds_that_bind_nothing_are_no_rows() -> None:
+    """Rows without bounds, levels without rows and infinite bounds on x leave the answer as it is."""
+    free = (np.ones((1, 3)), [-np.inf], [np.inf])
+    found = hqp.solve_levels([free, (np.zeros((0, 3)), np.zeros(0)), (np.eye(3), np.ones(3))], (-np.inf, np.inf))
+    np.testing.assert_array_equal(found.x, np.ones(3))
+    for low, high in ((np.inf, np.inf), (-np.inf, -np.inf)):
+        with pytest.raises(ProblemError, match="lower <= upper"):
+            hqp.solve_levels([(np.eye(3), np.zeros(3))], (low, high))
