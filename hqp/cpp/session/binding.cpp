@@ -121,7 +121,7 @@ class Worlds {
       throw nb::value_error("an array has the wrong number of worlds or columns");
     std::vector<hqp::BatchTarget> told;
     for (const auto& [name, what, values] : targets) {
-      const std::size_t member = session.member(name), size = session.width(member, what);
+      const std::size_t member = session.references().member(name), size = session.references().width(member, what);
       if (!fits(values.shape(0), values.shape(1), size))
         throw hqp::ReferenceError(name + ": targets must have shape (" + std::to_string(batch_.count()) + ", " +
                                   std::to_string(size) + "), given (" + std::to_string(values.shape(0)) + ", " +

@@ -1,4 +1,4 @@
-// Which elements are in a tick: by its phase, by what it is told of them, and by the contacts that they go with.
+// Presence of elements in a tick: by its phase, by on(), and by the contacts that they follow.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@ namespace hqp {
 
 class Presence {
  public:
-  using Out = std::vector<bool>;  // of every member of the line, whether it is out
+  using Out = std::vector<bool>;  // per member of the line: true if it is absent
 
   template <class Node>
   Presence(const Node& root, const std::vector<Member>& members)
@@ -36,15 +36,23 @@ class Presence {
     if (declared_.empty()) throw PlanError("the plan lists no phases, needed at least the unnamed one: export it anew");
   }
 
-  // The first one has no name: it is that of ticks without a phase.
+  // Names of phases; the first one is "", for ticks without a phase.
   const std::vector<std::string>& names() const { return names_; }
   void phase(std::size_t k) { phase_ = k; }
+  // Throws ReferenceError if the plan has no such phase.
+  void phase(const std::string& name) {
+    const auto found = std::find(names_.begin(), names_.end(), name);
+    if (found != names_.end()) return phase(std::size_t(found - names_.begin()));
+    std::string known;
+    for (std::size_t k = 1; k < names_.size(); ++k) known += (k > 1 ? ", " : "") + names_[k];
+    throw ReferenceError("the plan has no phase '" + name + "'; allowed: " + (known.empty() ? "none" : known));
+  }
   std::size_t phase() const { return phase_; }
-  // Whether a member is in, for the next tick only.
+  // Set the presence of a member in the next tick.
   void say(std::size_t m, bool in) { said_[m] = in ? 1 : -1; }
   void forget() { std::fill(said_.begin(), said_.end(), 0); }
 
-  // Who is out of the tick that begins.
+  // Return the absent members of this tick.
   const Out& take() {
     out_ = declared_[phase_];
     for (std::size_t m = 0; m < out_.size(); ++m) {
@@ -58,7 +66,7 @@ class Presence {
  private:
   struct Follower {
     std::size_t member;
-    bool every;  // out where all of these are, else where one is
+    bool every;  // absent if all of these are, else if one is
     std::vector<std::size_t> of;
   };
   void follow() {

@@ -121,7 +121,7 @@ Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;
 
-Reference Session::reference(const std::string& name) { return {*guarded_, guarded_->member(name)}; }
+Reference Session::reference(const std::string& name) { return {*guarded_, guarded_->references().member(name)}; }
 void Session::phase(const std::string& name) { guarded_->phase(name); }
 const Tick& Session::step(const double* q, const double* v) noexcept { return guarded_->step(q, v); }
 const Tick& Session::step(const double* q, const double* v, double time) noexcept {
@@ -140,15 +140,15 @@ void Session::reset() { guarded_->reset(); }
 int Session::nq() const { return guarded_->line().nq(); }
 int Session::nv() const { return guarded_->line().nv(); }
 double Session::dt() const { return guarded_->line().dt(); }
-const std::string& Session::robot() const { return guarded_->name(); }
-const std::vector<std::string>& Session::joint_names() const { return guarded_->joint_names(); }
+const std::string& Session::robot() const { return guarded_->robot().name; }
+const std::vector<std::string>& Session::joint_names() const { return guarded_->robot().joint_names; }
 std::vector<std::string> Session::names() const {
   std::vector<std::string> found;
   for (const Member& member : guarded_->line().members())
     if (member.slot >= 0) found.push_back(member.name);
   return found;
 }
-const std::vector<double>& Session::home() const { return guarded_->home(); }
+const std::vector<double>& Session::home() const { return guarded_->robot().home; }
 
 std::shared_ptr<const Plan> read(const std::string& path) { return read_plan(path); }
 Session load(const std::string& path) { return Session(read(path)); }

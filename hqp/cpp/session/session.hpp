@@ -73,6 +73,7 @@ class Reference {
  private:
   friend class Session;
   friend class Guarded;
+  friend class References;
   enum What { kValue, kVelocity, kAcceleration, kNormal, kLoad, kHold };
 
   Reference(Guarded& session, std::size_t member) : session_(&session), member_(member) {}
