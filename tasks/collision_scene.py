@@ -29,6 +29,7 @@ MOST = 64
 Tables: TypeAlias = tuple[
     tuple[tuple[int, tuple[float, ...], float], ...],
     tuple[tuple[int, tuple[float, ...]], ...],
+    tuple[str, ...],
     tuple[tuple[int, ...], ...],
     tuple[tuple[int, int], ...],
     tuple[float, ...],
@@ -219,7 +220,8 @@ class Scene:
         world = tuple((kinds[s.kind], (*s.size, 0.0, 0.0, 0.0)[:3]) for s in self.world)
         columns = {b: tuple(np.flatnonzero(mask).tolist()) for b, mask in self._columns.items()}
         chains = tuple(columns.get(b, ()) for b in range(len(self._robot.bodies)))
-        return links, world, chains, tuple(self.pairs), tuple(self.clearance.tolist())
+        names = tuple(self.name(k) for k in range(self.links + len(self.world)))
+        return links, world, names, chains, tuple(self.pairs), tuple(self.clearance.tolist())
 
     def _support(self, body: int) -> Vec:
         mask, bodies = np.zeros(self._robot.nv), self._robot.bodies

@@ -184,13 +184,14 @@ class Constant:
 @dataclass(frozen=True, eq=False)
 class Collision:
     """Capsules of links (body, ends in its axes, radius), shapes of the world (kind 0 capsule, 1 box, 2 half-space, and
-    size), the columns that move each body, pairs of shapes with clearances, and live slots.
+    size), their names, the columns that move each body, pairs of shapes with clearances, and live slots.
 
     reference ``(n, 6, 4)``: a shape's pose ``(4, 4)``, velocity and angular velocity, three numbers and a zero each.
     """
 
     links: tuple[tuple[int, tuple[float, ...], float], ...]
     world: tuple[tuple[int, tuple[float, ...]], ...]
+    names: tuple[str, ...]
     chains: tuple[tuple[int, ...], ...]
     pairs: tuple[tuple[int, int], ...]
     clearances: tuple[float, ...]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -229,3 +230,28 @@ def test_declared() -> None:
     ):
         with pytest.raises(DeclarationError, match=what):
             bad()  # type: ignore[no-untyped-call]
+
+
+def test_notes_name_the_pair_that_prescribed_legs_bring_together() -> None:
+    """Both shins are given and close in: a note has their names, and the distance that coal finds, file and live."""
+    robot = load("g1")
+    pair = (("left_ankle_roll_link", "right_ankle_roll_link"),)
+    given, apart = t.PrescribedMotion(joints=legs_of(robot)), t.CollisionAvoidance(pairs=pair, clearance=0.05)
+    stack = Stack(Level(t.Posture(joints=robot.joint_names[12:])), subject_to=[given, apart])
+    session = hqp.Controller(stack, deadline=np.inf).session(robot, DT, stuck=False)
+    file = LoadedSession(text(session))
+    q, v, seen = robot.home.copy(), np.zeros(robot.nv), []
+    v[robot.joints("left_hip_roll_joint")], v[robot.joints("right_hip_roll_joint")] = -0.3, 0.3
+    for _ in range(250):
+        tick, found = session.step(robot.state(q, v)), file.step(q, v)
+        assert found.notes == tick.notes
+        if tick.status is Status.CONSTRAINTS_VIOLATED:
+            (note,) = tick.notes
+            assert note.element == "collision"
+            rows = re.findall(r"(left_ankle_roll_link\S*) - (right_ankle_roll_link\S*) \S+ at (\S+) mm", note.detail)
+            assert len(set(rows)) == len(rows), note
+            seen.append(min(1e-3 * float(distance) for _, _, distance in rows))
+            assert abs(seen[-1] - nearest(robot, q, pair)) < 1e-4, note
+        q, v = tick.advance()
+    assert len(seen) > 10
+    assert min(seen) < 0.05

@@ -98,6 +98,7 @@ class Assembly : public Limiting {
   void keep(CarryOver& state) {
     for (const auto& operation : operations_) operation->keep(state);
   }
+  const Operation* operation(int number) const { return number < 0 ? nullptr : operations_[number].get(); }
   int operations() const { return static_cast<int>(operations_.size()); }
   // Renew the hold values of these elements after the kinematics, or keep the declared ones if no operation has them.
   void take_holds(const double* q, const double* v, std::vector<Slot*>& renewed) {

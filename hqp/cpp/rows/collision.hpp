@@ -25,6 +25,7 @@ struct WorldShape {
 struct CollisionScene {
   std::vector<LinkCapsule> links;
   std::vector<WorldShape> world;
+  std::vector<std::string> names;        // of links, then of the world's shapes
   std::vector<std::vector<int>> chains;  // coordinates that move each body
   std::vector<std::array<int, 2>> pairs;
   std::vector<double> clearances;
@@ -57,6 +58,8 @@ class Collision final : public Operation {
       sizes_[k] = 0.5 * std::sqrt(dot(axis, axis)) + s_.links[k].radius;
     }
     close_.reserve(near_.size());
+    for (const auto& pair : s_.pairs) names_.push_back(s_.names[pair[0]] + " - " + s_.names[pair[1]]);
+    last_.resize(s_.rows);
     for (const auto& pair : s_.pairs)
       chains_.push_back({apart(body(pair[0]), body(pair[1])), apart(body(pair[1]), body(pair[0]))});
   }
@@ -65,12 +68,17 @@ class Collision final : public Operation {
     place();
     look();
     assign();
-    for (int i = 0; i < s_.rows; ++i) write(i, v);
+    for (int i = 0; i < s_.rows; ++i) {
+      write(i, v);
+      const int n = s_.slots[i] < 0 ? -1 : s_.slots[i] % count_;
+      last_[i] = n < 0 ? RowName{"free"} : RowName{names_[n].c_str(), near_[n]};
+    }
     for (const int row : close_) {
       near_[row] = kFar, fade_[row] = 1.0, beside_[row % count_] = 0.0;
       for (const int k : pair_of(row)) deepest_[owner(k)] = 0.0;
     }
   }
+  RowName row_name(int i) const override { return last_[i]; }
   void keep(CarryOver& state) override { state.take(s_.slots, static_cast<std::size_t>(s_.rows)); }
 
  private:
@@ -316,8 +324,10 @@ class Collision final : public Operation {
   int count_;                 // of pairs
   std::vector<double> near_;  // distance for each row, infinite beyond the influence
   std::vector<Distance> found_;
-  std::vector<double> fade_;    // share of rows of ends, 1 for others
-  std::vector<double> beside_;  // share of a pair's rows of ends, 0 for none
+  std::vector<double> fade_;        // share of rows of ends, 1 for others
+  std::vector<double> beside_;      // share of a pair's rows of ends, 0 for none
+  std::vector<std::string> names_;  // of pairs
+  std::vector<RowName> last_;       // of rows
   std::vector<int> old_, close_;
   std::vector<double> deepest_;  // by owner: least distance less clearance of its pairs that are inside, 0 for none
   std::vector<std::array<std::vector<int>, 2>> chains_;

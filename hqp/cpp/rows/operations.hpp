@@ -219,6 +219,9 @@ class Operations {
       if (part.size() != 2) throw std::invalid_argument("a shape of the world is a kind and a size");
       found.world.push_back({static_cast<Solid>(part[0].place(3)), vector(part[1].numbers())});
     }
+    found.names = p.texts("names");
+    if (found.names.size() != found.links.size() + found.world.size())
+      throw std::invalid_argument("a name for every shape is needed");
     for (const Plan& chain : p.parts("chains")) found.chains.push_back(chain.places(nv_));
     if (found.chains.size() != tree_.bodies().size()) throw std::invalid_argument("a chain for every body is needed");
     for (const Plan& pair : p.parts("pairs")) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,12 @@ struct Target {
   double* row(int i) const { return J + static_cast<std::ptrdiff_t>(i) * nv; }
 };
 
+// Name of a row in the latest tick, null if it never changes, and its distance [m], NaN for none.
+struct RowName {
+  const char* name = nullptr;
+  double distance = std::numeric_limits<double>::quiet_NaN();
+};
+
 class Operation {
  public:
   virtual ~Operation() = default;
@@ -39,6 +46,7 @@ class Operation {
   virtual double approach() const { return INFINITY; }
   // Recompute these bounds as demands: around a speed, beyond a deceleration, (nv) each.
   virtual void around(const double*, const double*) {}
+  virtual RowName row_name(int) const { return {}; }
   // Switch a contact of that name on or off as support, from now on.
   virtual void stand(const std::string&, bool) {}
   // Save or restore the state between ticks.

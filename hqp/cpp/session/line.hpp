@@ -215,7 +215,9 @@ class Line {
   Outgoing outgoing(std::vector<int> motors, double most, double violation, std::vector<std::string> sentences) const {
     std::vector<Outgoing::Part> parts;
     for (const Member* one : placed_)
-      if (one->level < constraints_) parts.push_back({one->name, one->level, one->first, one->last, one->row_names});
+      if (one->level < constraints_)
+        parts.push_back(
+            {one->name, one->level, one->first, one->last, one->row_names, assembly().operation(one->operation)});
     return {n_,   levels_,   constraints_,        law_, std::move(parts), std::move(motors),
             most, violation, std::move(sentences)};
   }

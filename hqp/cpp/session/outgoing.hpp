@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "../rows/rows.hpp"
 #include "contact_watch.hpp"
 #include "guards.hpp"
 #include "late.hpp"
@@ -29,19 +30,26 @@ struct Answered {
 };
 
 // Whether slacks w (m) of an element's rows are beyond what rounding accounts for at these bounds: how far, and the
-// rows, the worst first, where each has a name.
+// rows, the worst first, where each has a name; operation: it names rows that change, null for none.
 inline bool violated(const double* w, const double* lower, const double* upper, std::size_t m, double tolerance,
-                     const std::vector<std::string>& names, Note& why) {
+                     const std::vector<std::string>& names, const Operation* operation, Note& why) {
   bool any = false;
   for (std::size_t i = 0; i < m; ++i) {
-    Note::Row row{nullptr, std::fabs(w[i])};
+    NotedRow row{nullptr, std::fabs(w[i]), false, 0.0};
     if (row.amount > why.amount) why.amount = row.amount;
     if (!(row.amount > tolerance * (1.0 + std::fmin(std::fabs(lower[i]), std::fabs(upper[i]))))) continue;
     any = true;
     if (names.size() != m) continue;
     row.name = names[i].c_str();
+    if (const RowName now = operation ? operation->row_name(static_cast<int>(i)) : RowName(); now.name)
+      row.name = now.name, row.of_shapes = std::isfinite(now.distance), row.distance = now.distance;
     ++why.row_count;
-    for (Note::Row& known : why.rows)
+    for (NotedRow& known : why.rows)
+      if (known.name == row.name) {  // a pair with several rows counts once
+        row.amount = std::max(row.amount, known.amount);
+        known = {}, --why.row_count;
+      }
+    for (NotedRow& known : why.rows)
       if (!known.name || row.amount > known.amount) std::swap(known, row);
   }
   return any;
@@ -63,6 +71,7 @@ class Outgoing {
     std::string name;
     int level, first, last;
     std::vector<std::string> names;
+    const Operation* operation = nullptr;  // with names that change, null for none
   };
 
   // levels, law: live, see Late.  motors: their places in x.  most: by how much one may change in a tick towards an
@@ -178,7 +187,8 @@ class Outgoing {
       Note why{part.name.c_str(), Status::kConstraintsViolated, Cause::kOff, limit};
       const Level& level = levels_[std::size_t(part.level)];
       if (!violated(slack + starts_[std::size_t(part.level)] + part.first, level.lower + part.first,
-                    level.upper + part.first, std::size_t(part.last - part.first), violation_, part.names, why))
+                    level.upper + part.first, std::size_t(part.last - part.first), violation_, part.names,
+                    part.operation, why))
         continue;
       tell(why), any = true;
     }

@@ -82,7 +82,10 @@ std::string Note::text() const {
       std::string text =
           "violated by up to " + g3(amount) + (where[0] ? " by the " + std::string(where) + " limit" : "");
       const int told = std::min(row_count, 3);
-      for (int i = 0; i < told; ++i) text += (i ? ", " : ": ") + std::string(rows[i].name) + " " + g3(rows[i].amount);
+      for (int i = 0; i < told; ++i) {
+        text += (i ? ", " : ": ") + std::string(rows[i].name) + " " + g3(rows[i].amount);
+        if (rows[i].of_shapes) text += " at " + number("%.1f", 1e3 * rows[i].distance) + " mm";
+      }
       return row_count > told ? text + " and " + std::to_string(row_count - told) + " more" : text;
     }
     case Cause::kRate:

@@ -75,6 +75,14 @@ enum class Cause {
   kForeign,    // a fault of rows written in Python
 };
 
+// A row that is off: its name and by how much; of_shapes: true if it has a distance [m].
+struct NotedRow {
+  const char* name;
+  double amount;
+  bool of_shapes;
+  double distance;
+};
+
 // What went wrong with which element, joint or part; made without allocation, its text when it is asked for.
 struct Note {
   const char* element = "";
@@ -85,10 +93,7 @@ struct Note {
   bool left_out = false;                           // of this tick
   int row = 0;                                     // of an element
   // Rows of subject_to that are off, the worst first, and how many there are; 0 where they have no names.
-  struct Row {
-    const char* name;
-    double amount;
-  } rows[3] = {};
+  NotedRow rows[3] = {};
   int row_count = 0;
 
   std::string text() const;
