@@ -15,7 +15,7 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.errors import ConfigurationNotFound, DeclarationError, FrameNotFound, ModelError
 from hqp.shapes import LinkCapsule
 
-from . import expanded, kinematic_tree
+from . import coupled, expanded, kinematic_tree
 from .checks import measure, unit_parts
 from .joints import Joints, actuation, matrix
 from .obstacles import Obstacles
@@ -95,6 +95,8 @@ class Robot:
         ranked = sorted(range(len(model.frames)), key=lambda i: (model.frames[i].type not in joint_kinds, -i))
         self._frames = {self.frame_names[i]: i for i in ranked}
         self.notes: tuple[str, ...] = (*description.warnings, *description.notes) if description else ()
+        if description is not None:
+            self.notes += tuple(coupled.lost_ranges(description.couplings, joints, self.lower, self.upper))
         self.cones: dict[str, float] = dict(description.cones) if description else {}
         self.disabled_pairs = description.disabled_pairs if description else frozenset()
         self.configurations: dict[str, Vec] = dict(description.configurations) if description else {}
@@ -130,13 +132,7 @@ class Robot:
     def _coupled(self, q: Vec) -> Vec:
         """q with each follower of the file's couplings where its leaders put it; followers may lead others."""
         couplings = self.description.couplings if self.description else ()
-        for _ in couplings:  # as often as a chain of them may be long
-            for terms, offset in couplings:
-                angles = self._joints.angles(self.model, q)
-                (follower, factor), *leaders = terms.items()
-                angle = (offset - sum(c * float(angles[self._column(leader)]) for leader, c in leaders)) / factor
-                q = self._joints.turned(q, self._column(follower), angle)
-        return q
+        return coupled.followed(couplings, q, self._joints, lambda q: self._joints.angles(self.model, q))
 
     def _column(self, joint: str) -> int:
         columns = self._joints.find(joint, self.groups)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from hqp.angles import nearest_turns
 from hqp.arrays import Index, Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Constraint, Task
@@ -22,7 +24,12 @@ class JointCoupling(Task, Constraint):
 
     coefficients: by joint name, given as a mapping and kept as pairs; {"hip": 1.0, "thorax": -1.0} bends two joints
     alike (Sentis 2012, eqs. 7, 8).  offset [rad or m]: held regardless of the first state; the error is fed back, so
-    nothing drifts.  Raises DeclarationError for fields, JointNotFound on binding.
+    nothing drifts.
+
+    The angle of a continuous joint is measured up to whole turns, and a turn of one joint may be half a turn of
+    another.  In the first state the turns are those with the least error, the fewest of equal ones, up to ten of a
+    joint; from there a session follows each joint through its turns.  Without a session ``value`` and ``error`` take
+    the turns with the least error in each state.  Raises DeclarationError for fields, JointNotFound on binding.
     """
 
     coefficients: Mapping[str, float] | tuple[tuple[str, float], ...] = field(kw_only=False)
@@ -66,9 +73,27 @@ class JointCoupling(Task, Constraint):
         return 1
 
     def value(self, state: State) -> Vec:
-        """sum c_j q_j ``(1,)`` [rad or m]."""
+        """sum c_j q_j ``(1,)`` [rad or m], with the turns of continuous joints that take it nearest to the offset."""
+        return self.offset + self.error(state, np.array([self.offset]))
+
+    def error(self, state: State, reference: Vec) -> Vec:
+        """sum c_j q_j minus its reference ``(1,)`` [rad or m], with the least error of all turns."""
+        return self.follow(state, reference, None)[0]
+
+    def follow(self, state: State, reference: Vec, last: Vec | None) -> tuple[Vec, Vec]:
+        """The error ``(1,)`` and the positions of the joints ``(k,)`` [rad or m], turns included.
+
+        last: the positions in the state before, None to take the turns with the least error.
+        """
         columns, coefficients = self._columns(state.robot)
-        return np.atleast_1d(coefficients @ state.angles[columns])
+        at = state.angles[columns]
+        turning = np.flatnonzero(np.isin(columns, state.robot.continuous))
+        if last is None:
+            off = float(coefficients @ at - reference[0])
+            at[turning] += math.tau * nearest_turns(off, coefficients[turning])
+        else:
+            at[turning] += math.tau * np.round((last[turning] - at[turning]) / math.tau)
+        return np.atleast_1d(coefficients @ at - reference), at
 
     def jacobian(self, state: State) -> Mat:
         """c ``(1, nv)``."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.declare.element import Element, Inequality, Task, has
+from hqp.declare.element import Element, Inequality, Task, has, redefined
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError
@@ -57,6 +57,8 @@ class Readable:
             )
         self._write = self._write_task if isinstance(element, Task) and not self._final else self._write_bounds
         self._plane = Plane() if element.grounded else None
+        self._follows = hasattr(element, "follow") and "error" not in redefined(type(element), "follow")
+        self._last: Vec | None = None
         views = {"jacobian": out.J, "error": out.error, "drift": out.drift}
         self._shapes = {what: (v.shape, v.shape[v.shape[0] == 1 :]) for what, v in views.items() if v is not None}
 
@@ -73,7 +75,11 @@ class Readable:
             raise DeclarationError(reference.name, "a reference without a value", allowed="at(value) or the hold value")
         if self._plane is not None:
             value = self._plane.settle(value, normal[0], element.value(state))
-        self._put("error", out.error, element.error(state, value, *normal))
+        if self._follows:
+            error, self._last = element.follow(state, value, self._last)
+        else:
+            error = element.error(state, value, *normal)
+        self._put("error", out.error, error)
         if element.steered:
             normal = (value,)
         if out.J is not None:

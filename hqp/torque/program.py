@@ -44,17 +44,17 @@ class Torque(Formulation):
     (53) with every coupling compensated; Gauss' principle, min tau^T phi* tau, and then least tau resolve the remaining
     freedom.
 
-    law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of reaction constraints;
-    none by default, for ground does not move on request.  loop_law: law of constraints between two frames of the robot
-    (``Weld``), whose error its own joints correct.  gravity_compensation: min |tau - tau_g| in phi* resolves the
-    remaining freedom instead (eq. 27), tau_g the torque that holds the robot: it floats rather than falls; wheels then
-    hold a robot on a slope whose goals all move with it.  effort_limits: a stack that bounds no torque in
-    ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else, unless it is exact (price=0) or its solver takes no
-    inequalities: a default bound, because a leg near its straight pose would else need 1e7 N m and more.  Motors for
-    which that could not hold the robot at home are left out.  holding: share of the torque limits in ``subject_to``
-    that it may come to take to hold a joint against gravity, ``Within(HoldingTorque(...))``, for joints that no contact
-    helps to hold: with all of its torque used up for that, a robot can but fall.  None for no such bound; none for
-    exact stacks and solvers without inequalities.
+    law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of contacts; none by
+    default, for ground does not move on request.  loop_law: the same of constraints between joints or frames of the
+    robot (``JointCoupling``, ``Weld``), whose error its own joints correct.  gravity_compensation: min |tau - tau_g|
+    in phi* resolves the remaining freedom instead (eq. 27), tau_g the torque that holds the robot: it floats rather
+    than falls; wheels then hold a robot on a slope whose goals all move with it.  effort_limits: a stack that bounds
+    no torque in ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else, unless it is exact (price=0) or its
+    solver takes no inequalities: a default bound, because a leg near its straight pose would else need 1e7 N m and
+    more. Motors for which that could not hold the robot at home are left out.  holding: share of the torque limits
+    in ``subject_to`` that it may come to take to hold a joint against gravity, ``Within(HoldingTorque(...))``, for
+    joints that no contact helps to hold: with all of its torque used up for that, a robot can but fall. None for no
+    such bound; none for exact stacks and solvers without inequalities.
     """
 
     order: ClassVar[int] = 2
@@ -86,7 +86,7 @@ class Torque(Formulation):
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law or loop_law, contacts in a level take law."""
         held = {
-            e.name: self.contact_law if getattr(e, "relative_to", None) is None else self.loop_law
+            e.name: self.contact_law if e.is_contact and getattr(e, "relative_to", None) is None else self.loop_law
             for e in reactions(stack)
         }
         given = {e.name: e.law or held.get(e.name, self.law) for e in stack}

@@ -10,6 +10,7 @@ import pytest
 
 import hqp
 from hqp.errors import ModelError
+from tests.scenes.coupled import Follower, urdf
 
 MASS = '<inertial><mass value=".3"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
 ENDS = {"continuous": "", "revolute": 'lower="-9" upper="9"'}
@@ -52,3 +53,25 @@ def test_suffixes_in_capitals_and_macros_left_in(tmp_path: Path) -> None:
     assert chain(tmp_path, "revolute", "", more="<!-- <xacro:hand/> -->").nv == 1
     with pytest.raises(ModelError, match="line 2: <xacro:hand"):
         chain(tmp_path, "revolute", "", more='\n<xacro:hand parent="l1"/>')
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_follower_that_narrows_its_leader_is_noted(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    two = Follower("j1", "j0", float(rng.choice([-2.0, -0.5, 1.0, 3.0])), round(float(rng.uniform(-0.5, 0.5)), 2))
+    limits = {
+        name: (round(-float(rng.uniform(0.1, 2)), 2), round(float(rng.uniform(0.1, 2)), 2)) for name in ("j0", "j1")
+    }
+    (tmp_path / "two.urdf").write_text(urdf(rng, [two], str(rng.choice(["revolute", "prismatic"])), limits))
+    robot = hqp.robots.load(tmp_path / "two.urdf")
+    notes = [note for note in robot.notes if "'j1' = " in note]
+    leader = np.linspace(*limits["j0"], 20001)
+    places = two.ratio * leader + two.offset
+    kept = leader[(places >= limits["j1"][0] - 1e-9) & (places <= limits["j1"][1] + 1e-9)]
+    assert bool(notes) == (kept.size < leader.size)
+    if notes:
+        low, high = map(float, notes[0].rsplit("[", 1)[1].rstrip("]").split(", "))
+        np.testing.assert_allclose((low, high), (kept[0], kept[-1]), atol=1e-3)
+        assert "'j0'" in notes[0]
+    at = robot.configuration(np.array([0.01, 0.01 * two.ratio + two.offset]))
+    assert robot.state(at).angles[1] == pytest.approx(0.01 * two.ratio + two.offset)

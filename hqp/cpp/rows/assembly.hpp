@@ -95,6 +95,10 @@ class Assembly : public Limiting {
     equation_->weight(g);
     loads_.weigh(tree_, equation_->gravity(), g);
   }
+  // The next state is unrelated to those before it.
+  void begin() {
+    for (const auto& operation : operations_) operation->begin();
+  }
   void keep(CarryOver& state) {
     for (const auto& operation : operations_) operation->keep(state);
   }
@@ -109,6 +113,7 @@ class Assembly : public Limiting {
         if (held_.size() < size) held_.resize(size);
         std::fill(slot->target, slot->target + size, 0.0);
         std::fill(held_.begin(), held_.end(), 0.0);
+        operations_[slot->operation]->begin();
         if (operations_[slot->operation]->hold(q, v, held_.data()))
           std::copy_n(held_.begin(), size, slot->hold.begin());
       }

@@ -106,6 +106,7 @@ class Within final : public Operation {
     }
   }
   bool hold(const double* q, const double* v, double* value) override { return turn_ >= 0 && task_->hold(q, v, value); }
+  void begin() override { task_->begin(); }
   void keep(CarryOver& state) override { task_->keep(state); }
 
  private:

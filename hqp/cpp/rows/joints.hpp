@@ -2,6 +2,7 @@
 #pragma once
 
 #include "rows.hpp"
+#include "whole_turns.hpp"
 
 namespace hqp {
 
@@ -28,7 +29,6 @@ class Posture final : public Operation {
  public:
   Posture(Target out, Joints joints) : out_(out), joints_(std::move(joints)) { joints_.write(out_); }
   void run(const double* q, const double*) override {
-    constexpr double kTurn = 6.283185307179586476925;
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const double off = joints_.angle(i, q) - out_.reference[i];
       out_.error[i] = joints_.continuous[i] ? std::remainder(off, kTurn) : off;
@@ -41,23 +41,46 @@ class Posture final : public Operation {
   Joints joints_;
 };
 
-class Coupling final : public Operation {  // a linear relation of joints
+class Coupling final : public Operation {  // a linear relation of joints, see tasks/coupling.py
  public:
   Coupling(Target out, Joints joints, std::vector<double> coefficients)
-      : out_(out), joints_(std::move(joints)), coefficients_(std::move(coefficients)) {
-    for (std::size_t i = 0; out_.J && i < joints_.size(); ++i)
-      out_.J[joints_.columns[i]] = out_.weight * coefficients_[i];
+      : out_(out), joints_(std::move(joints)), coefficients_(std::move(coefficients)), at_(joints_.size()) {
+    std::vector<double> sizes;
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      if (out_.J) out_.J[joints_.columns[i]] = out_.weight * coefficients_[i];
+      if (joints_.continuous[i]) turning_.push_back(i), sizes.push_back(coefficients_[i]);
+    }
+    turns_ = WholeTurns(std::move(sizes));
   }
   void run(const double* q, const double*) override {
-    double total = -out_.reference[0];
-    for (std::size_t i = 0; i < joints_.size(); ++i) total += coefficients_[i] * joints_.angle(i, q);
-    out_.error[0] = total;
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const double angle = joints_.angle(i, q);
+      const bool follows = begun_ && joints_.continuous[i];
+      at_[i] = follows ? angle + kTurn * std::round((at_[i] - angle) / kTurn) : angle;
+    }
+    if (!begun_) {
+      const std::vector<double>& turns = turns_.nearest(error());
+      for (std::size_t k = 0; k < turning_.size(); ++k) at_[turning_[k]] += kTurn * turns[k];
+      begun_ = std::isfinite(error());
+    }
+    out_.error[0] = error();
   }
+  void begin() override { begun_ = false; }
+  void keep(CarryOver& state) override { state.take(begun_), state.take(at_.data(), at_.size()); }
 
  private:
+  double error() const {
+    double total = -out_.reference[0];
+    for (std::size_t i = 0; i < joints_.size(); ++i) total += coefficients_[i] * at_[i];
+    return total;
+  }
+
   Target out_;
   Joints joints_;
-  std::vector<double> coefficients_;
+  std::vector<double> coefficients_, at_;  // positions of the joints, turns included
+  std::vector<std::size_t> turning_;
+  WholeTurns turns_{{}};
+  bool begun_ = false;
 };
 
 class Still final : public Operation {  // coordinates whose velocity is wanted for itself: no error
@@ -113,7 +136,6 @@ class Frozen final : public Operation {  // joints that stay where they were
     joints_.write(out_);
   }
   void run(const double* q, const double* v) override {
-    constexpr double kTurn = 6.283185307179586476925;
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       double e = joints_.angle(i, q) - out_.reference[i];
       if (joints_.continuous[i]) e = std::remainder(e, kTurn);

@@ -83,6 +83,7 @@ class Assembly {
   // solved; rows alone.
   bool take(const nb::tuple& references) { return loop_.take(references, true); }
   bool write(const double* q, const double* v) {
+    rows_.begin();
     rows_.operate(q, v, v);
     rows_.demand(v);
     return rows_.small();

@@ -49,6 +49,8 @@ class Operation {
   virtual RowName row_name(int) const { return {}; }
   // Switch a contact of that name on or off as support, from now on.
   virtual void stand(const std::string&, bool) {}
+  // Forget earlier states: the next one is the first.
+  virtual void begin() {}
   // Save or restore the state between ticks.
   virtual void keep(CarryOver&) {}
 };
