@@ -101,18 +101,10 @@ def test_ticks_that_are_cut_leave_commands_calm(robot: str, kind: str, share: fl
         assert np.all(np.abs(busy[-1] - calm[-1]) <= NOTICEABLE * scale)
 
 
-def test_a_robot_is_held_up_until_its_first_search_has_ended() -> None:
-    held_up("cbi")
-
-
-@pytest.mark.xfail(reason="0.5 rad/s after six cut ticks", strict=False)
-def test_a_light_robot_is_held_up_as_well() -> None:
-    held_up("g1")
-
-
-def held_up(name: str) -> None:
-    """Both hands far out of reach: a search of 80 to 160 working sets, 15 of them a tick."""
-    robot, few = hqp.robots.load(name), Lexicographic(max_iterations=15)
+@pytest.mark.parametrize(("name", "most"), [("cbi", 15), ("g1", 15), ("talos", 15), ("g1", 4), ("talos", 8)])
+def test_a_robot_is_held_up_until_its_first_search_has_ended(name: str, most: int) -> None:
+    """Both hands far out of reach: a search of 80 to 240 working sets, a few of them a tick; some never end."""
+    robot, few = hqp.robots.load(name), Lexicographic(max_iterations=most)
     soles, hands = robot.landmarks["soles"], robot.landmarks["palms"]
     tasks = [Com(axes="xy", law=PD(9.0)), *[Position(frame=hand, law=PD(25.0)) for hand in hands], Posture(law=PD(1.0))]
     stands = [FixedContact(frame=sole) for sole in soles]
@@ -129,9 +121,9 @@ def held_up(name: str) -> None:
         torques.append(tick.command.copy())
         q, v = tick.advance()
         if cut == i + 1:  # all so far
-            assert np.abs(torques[-1] - torques[0]).max() <= cut * largest_change("torque", DT)
-            assert np.abs(v).max() < 0.1
-    assert 0 < cut < 30
+            np.testing.assert_allclose(torques[-1], torques[0], atol=1e-9)
+            assert np.abs(v).max() < 1e-9
+    assert 0 < cut < 20 or most < 15
     assert np.abs(v).max() < 3.0
 
 
@@ -211,7 +203,7 @@ def test_the_trend_is_that_of_solved_answers() -> None:
         return float(sent.instead(last, last, tick)[0])
 
     longest = Outgoing.LONGEST
-    assert after(1) == 3.0
+    assert after(1) == 0.0  # no answer is known: the command comes to rest
     sent.outgoing.solved(np.array([1.0]), 1)
     assert after(2) == 3.0
     sent.outgoing.solved(np.array([2.0]), 5)  # four ticks later
@@ -221,7 +213,7 @@ def test_the_trend_is_that_of_solved_answers() -> None:
     sent.outgoing.solved(np.array([4.0]), 5)  # of the same tick: no rate
     assert after(6) == pytest.approx(3.25)
     sent.outgoing.rest(Brake(1, [0], 1.0, DT), lambda: None, True, 1, 0, (last, True, 6), None, np.empty(1))
-    assert after(7) == 3.0
+    assert after(7) == 0.0
 
 
 def test_what_a_price_saves_counts() -> None:

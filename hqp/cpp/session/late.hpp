@@ -26,6 +26,7 @@ class Trend {
   explicit Trend(std::size_t n) : x_(n), rate_(n) {}
 
   void forget() { known_ = 0; }
+  bool known() const { return known_ > 0; }
   // A solved answer, and the number of its tick.
   void take(const double* x, std::int64_t tick) {
     if (known_ > 0 && tick > tick_) {

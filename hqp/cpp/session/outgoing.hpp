@@ -100,8 +100,9 @@ class Outgoing {
   Trend& trend() { return trend_; }  // of the answers that were sent
   std::size_t rows() const { return slack_.size(); }
 
-  // The answer, or what is sent in its place, into x; false where it is not usable: the command comes to rest.
-  // rest, from(): as below; what is cut before there was an answer follows what a robot at rest is sent in this state.
+  // Write the answer or its replacement into x; return false if it is unusable, and the command must come to rest.
+  // rest, from(): as below. Until a search has ended the robot comes to rest: at rest its problem stays the same, so
+  // that a search that continues from tick to tick ends; cut answers would move it off its balance.
   template <class From, class Tell>
   bool take(const Answered& answer, const Before& before, Rest& rest, From&& from, const ContactWatch& contacts,
             const RateLimiter* limiter, double* x, const Tell& tell) {
@@ -118,15 +119,13 @@ class Outgoing {
     if (!finite) return false;
     const bool cut = answer.status == Status::kIterationLimit || answer.status == Status::kTimeLimit;
     const double* sent = answer.x;
-    if (cut) {
-      const double* last = before.x;
-      if (!before.good) {
-        rest.begin(from(), last, true);
-        rest.next(first_.data());
-        last = first_.data();
-      }
-      trend_.after(last, before.tick, ahead_.data());
-      sent = late_.choose(answer.x, last, ahead_.data(), motors_.data(), motors_.size(), most_);
+    if (cut && trend_.known()) {
+      trend_.after(before.x, before.tick, ahead_.data());
+      sent = late_.choose(answer.x, before.x, ahead_.data(), motors_.data(), motors_.size(), most_);
+    } else if (cut) {
+      rest.begin(from(), before.x, true);
+      rest.next(first_.data());
+      sent = first_.data();
     }
     std::copy(sent, sent + n_, x);
     contacts.lost(tell);
