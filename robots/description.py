@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from hqp.arrays import Vec
 from hqp.errors import ModelError
@@ -25,6 +25,16 @@ def require_room(path: Path, nv: int) -> None:
         raise ModelError(f"{path}: nv = {nv}, allowed {MOST}: Pinocchio would need {size:.0f} GB")
 
 
+@dataclass(frozen=True)
+class Closure:
+    """Two frames of the model that coincide: in a point (``Ball``) or as a whole (``Weld``)."""
+
+    name: str
+    kind: Literal["Ball", "Weld"]
+    frame: str
+    relative_to: str
+
+
 @dataclass
 class Description:
     """A model read from a file.
@@ -33,9 +43,9 @@ class Description:
     MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its placement there.  roots:
     its bodies that carry the robot and hang on the world.  scene: its moving bodies that are not the robot, obstacles.
     actuated: joints with a motor, None for all of one axis.  home ``(nq,)`` and named configurations.  couplings:
-    (coefficients by joint, offset), sum c_j q_j = offset.  cones: by joint of three axes the largest turn from its zero
-    [rad].  disabled_pairs: links that an SRDF disables.  notes: parts of the file that the model lacks.  warnings:
-    probable mistakes in the file.
+    (coefficients by joint, offset), sum c_j q_j = offset.  closures: of loops.  cones: by joint of three axes the
+    largest turn from its zero [rad].  disabled_pairs: links that an SRDF disables.  notes: parts of the file that the
+    model lacks.  warnings: probable mistakes in the file.
     """
 
     model: Any
@@ -50,6 +60,7 @@ class Description:
     home: Vec | None = None
     configurations: dict[str, Vec] = field(default_factory=dict)
     couplings: list[tuple[dict[str, float], float]] = field(default_factory=list)
+    closures: list[Closure] = field(default_factory=list)
     cones: dict[str, float] = field(default_factory=dict)
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     notes: list[str] = field(default_factory=list)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from . import mjcf_equalities
 from .description import Description
 from .mjcf_names import body_names, joint_names
-from .mjcf_parts import equality_bodies, own_joints
+from .mjcf_parts import own_joints
 from .mujoco_extra import mujoco
 from .state_map import StateMap
 
@@ -21,7 +22,7 @@ def read(simulated: Any, found: Description, own: frozenset[int]) -> None:
     """Fill in all of a description but its model, from a compiled MjModel; own: the bodies of the robot."""
     _read_joints(simulated, found, own)
     _read_motors(simulated, found, own)
-    _read_couplings(simulated, found, own)
+    mjcf_equalities.read(simulated, found, own)
     _read_notes(simulated, found, own)
 
 
@@ -102,29 +103,6 @@ def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
     ends = [(float(min(abs(r))), float(max(abs(r))), r[0] * r[1] < 0.0) for r in ranges if np.any(r)]
     least = min((small if both else large for small, large, both in ends), default=math.inf)
     return least, all(small == large for small, large, both in ends if both)
-
-
-def _read_couplings(simulated: Any, found: Description, own: frozenset[int]) -> None:
-    """Linear equalities of joints: q1 - ref1 = a0 + a1 (q2 - ref2)."""
-    names, ref = joint_names(simulated), simulated.qpos0[simulated.jnt_qposadr]
-    for e in np.flatnonzero(simulated.eq_active0).tolist():
-        if own.isdisjoint(equality_bodies(simulated, e)):
-            continue  # of the scene
-        kind, one, two = (
-            mujoco.mjtEq(int(simulated.eq_type[e])),
-            *(int(simulated.eq_obj1id[e]), int(simulated.eq_obj2id[e])),
-        )
-        a = np.array(simulated.eq_data[e, :5])
-        if kind == mujoco.mjtEq.mjEQ_JOINT and not a[2:].any():
-            terms, offset = {names[one]: 1.0}, float(a[0] + ref[one])
-            if two >= 0 and a[1]:
-                terms[names[two]] = -float(a[1])
-                offset -= float(a[1] * ref[two])
-            found.couplings.append((terms, offset))
-        else:
-            word = kind.name.removeprefix("mjEQ_").lower()
-            name = simulated.eq(e).name or str(e)
-            found.warnings.append(f"equality constraint {name} ({word}) of the file is ignored")
 
 
 def _read_notes(simulated: Any, found: Description, own: frozenset[int]) -> None:

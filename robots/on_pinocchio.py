@@ -24,7 +24,7 @@ from .state import State
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Placed, TreeJoint
-    from hqp.tasks import JointCoupling
+    from hqp.tasks import Ball, JointCoupling, Weld
 
     from .description import Description
 
@@ -231,12 +231,18 @@ class Robot:
         return self._joints.places(columns)
 
     @property
-    def couplings(self) -> tuple[JointCoupling, ...]:
-        """Mimic joints and linear joint equalities of the file; a session adds those its stack does not hold."""
-        from hqp.tasks import JointCoupling
+    def couplings(self) -> tuple[JointCoupling | Ball | Weld, ...]:
+        """Couplings of joints and closures of loops of the file; a session adds those that its stack lacks."""
+        from hqp.tasks import Ball, JointCoupling, Weld
 
-        given = self.description.couplings if self.description else []
-        return tuple(JointCoupling(terms, offset=offset) for terms, offset in given)
+        if self.description is None:
+            return ()
+        found: list[JointCoupling | Ball | Weld] = []
+        found += [JointCoupling(terms, offset=offset) for terms, offset in self.description.couplings]
+        for closure in self.description.closures:
+            kind = Ball if closure.kind == "Ball" else Weld
+            found.append(kind(frame=closure.frame, relative_to=closure.relative_to, closed=True, name=closure.name))
+        return tuple(found)
 
     @property
     def spherical(self) -> dict[str, tuple[int, float]]:

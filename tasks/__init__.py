@@ -7,6 +7,7 @@ if __name__ != "hqp.tasks":
 
 from .balance import Balance
 from .ball_limits import BallLimits
+from .closures import Ball
 from .collision import CollisionAvoidance
 from .com import Com
 from .compliance import Admittance, Impedance
@@ -39,6 +40,7 @@ __all__ = [
     "Admittance",
     "AlignAxis",
     "Balance",
+    "Ball",
     "BallLimits",
     "BaseVelocityLimits",
     "CenterOfPressure",

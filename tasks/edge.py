@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,11 +10,11 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Constraint, Task
-from hqp.declare.reference import Given, Reference, numbers
+from hqp.declare.reference import Given, Reference
 from hqp.declare.robot import Robot, State
 
-from .fields import check_frame, make_reference, set_normal, set_vector, with_normal
-from .relative import skew
+from . import axes
+from .fields import check_frame, set_normal, with_normal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,22 +38,11 @@ class EdgeContact(Task, Constraint):
         super().__post_init__()
         set_normal(self)
         check_frame(self, "frame", self.frame)
-        if isinstance(self.axis, str):
-            if self.axis not in ("x", "y", "z"):
-                raise self.invalid("axis", self.axis, '"x", "y", "z" or three numbers')
-            return
-        set_vector(self, "axis")
-        if not any(self.axis):
-            raise self.invalid("axis", self.axis, "a nonzero vector")
+        axes.check_axis(self, self.axis)
 
     def _axes(self) -> tuple[Vec, Mat]:
         """Unit axis ``(3,)`` and its complement B ``(3, 2)`` in the frame's axes."""
-        given = np.eye(3)["xyz".index(self.axis)] if isinstance(self.axis, str) else np.array(self.axis)
-        axis: Vec = given / math.hypot(*given)
-        across = skew(axis)
-        first: Vec = across[int(np.argmin(np.abs(axis)))]
-        first = first / math.hypot(*first)
-        return axis, np.column_stack((first, across @ first))
+        return axes.with_complement(self.axis)
 
     def rows(self, robot: Robot) -> int:
         """5; raises FrameNotFound."""
@@ -83,9 +71,7 @@ class EdgeContact(Task, Constraint):
 
     def force_basis(self) -> Mat:
         """Wrench ``(6, 5)`` in the frame's axes of the forces that act along the rows."""
-        basis = np.zeros((6, 5))
-        basis[:3, :3], basis[3:, 3:] = np.eye(3), self._axes()[1]
-        return basis
+        return axes.force_basis(self._axes()[1])
 
     def _complement(self, state: State) -> Mat:
         return state.rotation(self.frame) @ self._axes()[1]
@@ -97,16 +83,12 @@ class EdgeContact(Task, Constraint):
 
         Raises DeclarationError.
         """
-        line = None if value is None else numbers(self.name, "position and direction", value, (6,))
-        square = 1.0 if line is None else float(line[3:] @ line[3:])
-        if line is not None and math.isfinite(square) and abs(square - 1.0) > 1e-6:
-            raise self.invalid("direction", line[3:], "a unit vector")
-        found = make_reference(self.name, 5, line, velocity, acceleration)
+        found = axes.line_reference(self, value, velocity, acceleration)
         return found if normal is None else with_normal(found, normal)
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The axes, then the two tilts across the edge."""
-        return ("x", "y", "z", "tilt 1", "tilt 2")
+        return axes.ROW_NAMES
 
     def plan(self, robot: Robot) -> plans.Edge:
         """The native operation."""

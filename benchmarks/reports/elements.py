@@ -38,6 +38,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "Admittance": lambda: (t.Admittance(frame=HAND, stiffness=300.0, damping=80.0),),
     "AlignAxis": lambda: (t.AlignAxis(frame=HAND),),
     "Balance": lambda: (t.Balance(points=[(f, x, 0.0, 0.0) for f in FEET for x in (-0.05, 0.15)]),),
+    "Ball": lambda: (t.Ball(frame=HAND, relative_to="l_palm"),),
     "BallLimits": lambda: (t.BallLimits(),),
     "BaseVelocityLimits": lambda: (t.BaseVelocityLimits(linear=0.5, angular=1.0),),
     "CenterOfPressure": lambda: (t.CenterOfPressure(contact=FOOT, rectangle=(-0.05, 0.05, -0.03, 0.03)),),
@@ -93,7 +94,16 @@ HELD = (
     "ForceLimits",
 )
 """Those that belong into ``subject_to``."""
-CONTACTS = ("EdgeContact", "FixedContact", "OmniWheelContact", "PointContact", "WheelContact", "Weld", "JointCoupling")
+CONTACTS = (
+    "EdgeContact",
+    "FixedContact",
+    "OmniWheelContact",
+    "PointContact",
+    "WheelContact",
+    "Weld",
+    "Ball",
+    "JointCoupling",
+)
 
 ELSEWHERE: dict[str, tuple[str, str, str, str, str, str]] = {
     "Admittance": ("", "", "", "", "", "CartesianAdmittance"),

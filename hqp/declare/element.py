@@ -31,7 +31,9 @@ Unit: TypeAlias = Literal["m", "rad"]
 REGISTRY: weakref.WeakValueDictionary[str, type[Element]] = weakref.WeakValueDictionary()
 """Concrete element classes by name, for stacks read from files; a script's own classes end with the script."""
 
-_APART = frozenset({"among", "at", "hold", "default_name", "row_names"})  # no effect on the numbers of the rows
+_APART = frozenset(
+    {"among", "at", "hold", "declares_hold", "default_name", "row_names"}
+)  # no effect on the numbers of the rows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +106,11 @@ class Element(ABC):
     def hold(self, state: State) -> Reference:
         """The reference that keeps the element where it is at ``state``."""
         return Reference(self.name)
+
+    @property
+    def declares_hold(self) -> bool:
+        """True if ``hold`` gives a declared value, whatever the state."""
+        return False
 
     def off(self) -> Reference:
         """The element is out of this tick: its rows are free, and a contact at torque level bears no force.

@@ -96,7 +96,7 @@ class Robot(Protocol):
 
     @property
     def couplings(self) -> Sequence[Any]:
-        """Linear relations of joints that the robot's file states: mimic joints, as constraints of a stack."""
+        """Relations of joints and closures of loops that the robot's file states, as constraints of a stack."""
         ...
 
     @property

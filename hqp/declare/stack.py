@@ -174,7 +174,7 @@ class Stack:
 
 
 def coupled(stack: Stack, robot: Robot) -> Stack:
-    """The stack under the robot's own couplings too (mimic joints), but for those it binds already.
+    """The stack under the robot's own couplings too (mimic joints, closures), but for those it binds already.
 
     Elements get the data that they take from others of the stack; raises DeclarationError where it is not there.
     """
@@ -182,8 +182,8 @@ def coupled(stack: Stack, robot: Robot) -> Stack:
     filled = [new for old in members if (new := old.among(members)) is not old]
     stack = stack.replace(*filled) if filled else stack
     stack = _accompanied(stack, robot)
-    held = {_ratios(c) for c in stack if hasattr(c, "coefficients")}
-    own = [c for c in robot.couplings if _ratios(c) not in held and c.name not in stack]
+    held = {_bound(e) for e in stack}
+    own = [c for c in robot.couplings if _bound(c) not in held and c.name not in stack]
     return Stack(*stack.levels, subject_to=(*own, *stack.subject_to)) if own else stack
 
 
@@ -202,7 +202,11 @@ def _accompanied(stack: Stack, robot: Robot) -> Stack:
     return Stack(*(old.replace(*new) for old, new in zip(stack.levels, levels, strict=True)), subject_to=hard)
 
 
-def _ratios(coupling: Any) -> frozenset[tuple[str, float]]:
-    """Coefficients by joint, scaled so that the first joint by name has 1."""
-    pairs = sorted(dict(coupling.coefficients).items())
-    return frozenset((joint, round(value / pairs[0][1], 9)) for joint, value in pairs)
+def _bound(element: Any) -> object:
+    """Coefficients by joint, scaled so that the first joint by name has 1; the two frames of a closure."""
+    if hasattr(element, "coefficients"):
+        pairs = sorted(dict(element.coefficients).items())
+        return frozenset((joint, round(value / pairs[0][1], 9)) for joint, value in pairs)
+    if hasattr(element, "closed"):
+        return frozenset((element.frame, element.relative_to))
+    return None

@@ -48,7 +48,7 @@ def _told(held: Sequence[Any], twin: Robot) -> str:
     holds = [element.hold(home).value for element in held]
     J = _rows(held, home, holds)[0]
     independent = rank(J, LOST)
-    if independent == J.shape[0]:
+    if independent in J.shape:  # of all rows, or of all motion
         return ""
     free = np.linalg.svd(J)[2][independent:]
     for k in (1, 2):

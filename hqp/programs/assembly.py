@@ -151,7 +151,7 @@ class Assembly:
             "rate": self.rate[member.part],
             "feedforward": self.feedforward[member.part],
             "plain": member.plain,
-            "operation": member.operation,
+            "operation": None if member.element.declares_hold else member.operation,
         }
 
     def move(self, robot: Robot) -> None:

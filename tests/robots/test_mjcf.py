@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -10,11 +11,13 @@ import pinocchio as pin
 import pytest
 
 import hqp.robots
+from hqp import Level, P, Stack
 from hqp.errors import DeclarationError, ModelError, ModelWarning
 from hqp.robots import agreement, from_mjcf
 from hqp.robots.mujoco_extra import full_inertia
 from hqp.robots.on_mujoco import Plant, Servo
 from hqp.robots.state_map import StateMap
+from hqp.tasks import Ball, Posture
 
 pytestmark = pytest.mark.filterwarnings("ignore:arm.xml:hqp.errors.ModelWarning")
 DATA = Path(__file__).parents[1] / "data" / "mjcf"
@@ -160,10 +163,36 @@ def test_root_freed_and_fixed() -> None:
         hqp.robots.load(DATA / "mobile_arm.xml", floating=True)
 
 
-def test_equality_that_is_no_linear_coupling_is_told() -> None:
-    with pytest.warns(ModelWarning, match=r"equality constraint loop \(connect\)"):
-        robot = hqp.robots.load(DATA / "arm.xml")
-    assert "loop" in str(robot)
+@pytest.mark.parametrize(
+    ("equality", "why"),
+    [
+        ('<joint name="bend" joint1="shoulder" joint2="elbow" polycoef="0 1 0.3 0 0"/>', "polynomial of degree 2"),
+        ('<weld name="bend" body1="hand" body2="target"/>', "mocap"),
+        ('<weld name="bend" body1="hand" body2="cup"/>', "not the robot's"),
+    ],
+)
+def test_an_equality_that_cannot_be_kept_is_named(equality: str, why: str, tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="target" mocap="true"/><body name="cup"><freejoint/><geom size=".1"/></body>'
+        '<body name="arm"><joint name="shoulder" axis="0 1 0"/><geom size=".1"/><body name="hand" pos=".3 0 0">'
+        '<joint name="elbow" axis="0 1 0"/><geom size=".1"/></body></body></worldbody>'
+        f'<equality>{equality}</equality><actuator><motor joint="shoulder"/></actuator></mujoco>'
+    )
+    with pytest.warns(ModelWarning, match="equality constraint bend") as told:
+        robot = hqp.robots.load(path, **({"root": "arm"} if "cup" in equality else {}))
+    assert why in str(told[0].message)
+    assert not robot.couplings
+
+
+def test_a_connect_is_a_closure() -> None:
+    robot = hqp.robots.load(DATA / "arm.xml")
+    closure = next(c for c in robot.couplings if c.name == "loop")
+    assert isinstance(closure, Ball)
+    mine = replace(closure, name="mine", law=P(3.0))
+    names = [e.name for e in hqp.Controller(Stack(Level(Posture()), subject_to=[mine])).session(robot, 0.01).stack]
+    assert "mine" in names
+    assert "loop" not in names
 
 
 @pytest.mark.parametrize("fault", ["mass", "axis", "anchor", "ref"])

@@ -149,4 +149,39 @@ class Edge final : public Operation, Rows {  // position, and tilt across an edg
   Vec3 edge_, across_[2];
 };
 
+// Position of a frame, and tilt of an axis, relative to another frame that has the axis; reference (6,): position, and
+// direction of the axis in the frame.
+class Hinge final : public Operation, Rows {
+ public:
+  Hinge(Rows rows, Vec3 axis, Vec3 first, Vec3 other) : Rows(std::move(rows)), axis_(axis), across_{first, other} {}
+  void run(const double*, const double*) override {
+    relative_.update();
+    const Vec3 p = origin(), d = p - relative_.origin();
+    const Vec3 tilt = cross(axis_, transposed(relative_.axes(), rotation()) * load(out_.reference + 3));
+    for (int i = 0; i < 3; ++i) {
+      const Vec3& u = relative_.axes().column[i];
+      write_velocity(i, u, p);
+      out_.error[i] = dot(u, d) - out_.reference[i];
+    }
+    for (int k = 0; k < 2; ++k) {
+      write_turning(3 + k, relative_.axes() * across_[k]);
+      out_.error[3 + k] = dot(across_[k], tilt);
+    }
+    if (!out_.drift) return;
+    const Vec3 linear = relative_drift(p), angular = relative_.turn_drift(tree_, motion(), body_drift());
+    for (int i = 0; i < 3; ++i) out_.drift[i] = linear[i];
+    for (int k = 0; k < 2; ++k) out_.drift[3 + k] = dot(across_[k], angular);
+  }
+  bool hold(const double*, const double*, double* value) override {
+    relative_.update();
+    const Vec3 p = transposed(relative_.axes(), origin() - relative_.origin());
+    const Vec3 along = transposed(rotation(), relative_.axes() * axis_);
+    for (int i = 0; i < 3; ++i) value[i] = p[i], value[3 + i] = along[i];
+    return true;
+  }
+
+ private:
+  Vec3 axis_, across_[2];
+};
+
 }  // namespace hqp

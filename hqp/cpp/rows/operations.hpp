@@ -77,6 +77,8 @@ class Operations {
     if (name == "Angles") return std::make_unique<Angles>(rows(), picked("picked", 3), p.number("gimbal"));
     if (name == "Edge")
       return fits(5, 6), std::make_unique<Edge>(fixed(), p.vec3("axis"), p.vec3("first"), p.vec3("other"));
+    if (name == "Hinge")
+      return fits(5, 6), std::make_unique<Hinge>(rows(), p.vec3("axis"), p.vec3("first"), p.vec3("other"));
     if (name == "Wheel") {
       std::vector<int> directions = picked("picked", 3, false);
       if (!out.normal || directions.empty()) throw std::invalid_argument("a wheel of the plan has no ground normal");
