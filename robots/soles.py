@@ -51,6 +51,28 @@ def sole_points(robot: Any, frame: str) -> tuple[tuple[float, float, float], ...
         return ()
 
 
+def level_sole(robot: Any, frame: str) -> Mat:
+    """Lowest points at home of the shapes on a frame's link, in the world ``(n, 3)`` [m]; none for no shapes."""
+    joint = robot.model.frames[robot.frame(frame)].parentJoint
+    robot.state(robot.home).kinematics()
+    items = [item for item in robot.geometry.geometryObjects if item.parentJoint == joint]
+    cloud = np.vstack([np.zeros((0, 3)), *(_placed_in_world(robot, item) for item in items)])
+    return np.asarray(cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE])
+
+
+def swept(robot: Any, frame: str) -> list[tuple[Mat, float]]:
+    """Corners ``(m, 3)`` of the convex hull of each shape on a frame's link, in the axes of its joint, with the radius
+    that sweeps them [m]; none for a robot without shapes.
+    """
+    joint = robot.model.frames[robot.frame(frame)].parentJoint
+    try:
+        shapes = robot.geometry.geometryObjects
+    except ModelError:
+        return []
+    found = (surface(item) for item in shapes if item.parentJoint == joint)
+    return [(np.array(_hull(one.points()) or one.points()), float(one.radii.max())) for one in found]
+
+
 def _cloud(robot: Any, frame: str) -> Mat:
     """Lowest points of all shapes on a frame's link, in the frame ``(n, 3)`` [m]."""
     own = robot.model.frames[robot.frame(frame)]
@@ -87,6 +109,15 @@ def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
     none, the robot returned has one more, ``LINK_sole``: x ahead, z up.
     Raises ModelError for a robot whose lowest shapes are not those of two links side by side.
     """
+    left, right = foot_joints(robot)
+    base = robot.state(robot.home).rotation(_body(robot, 1))
+    robot, left_sole = _level_frame(robot, left, base)
+    robot, right_sole = _level_frame(robot, right, base)
+    return robot, (left_sole, right_sole)
+
+
+def foot_joints(robot: Any) -> tuple[int, int]:
+    """The joints whose links have the lowest collision shapes at home, the left one first; raises ModelError."""
     base = robot.state(robot.home).rotation(_body(robot, 1))  # and places every joint
     lowest: dict[int, float] = {}
     for item in robot.geometry.geometryObjects:
@@ -106,9 +137,7 @@ def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
             "needed one joint on each side: name the soles"
         )
     left, right = sorted((first, second), key=lambda j: -float(robot.data.oMi[j].translation @ base[:, 1]))
-    robot, left_sole = _level_frame(robot, left, base)
-    robot, right_sole = _level_frame(robot, right, base)
-    return robot, (left_sole, right_sole)
+    return left, right
 
 
 def _placed_in_world(robot: Any, item: Any) -> Mat:

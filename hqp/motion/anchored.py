@@ -9,7 +9,6 @@ from hqp.arrays import Mat
 
 from .branches import start
 from .contacts import runs
-from .shortfalls import OFF
 from .tracker import Pass, Tracker
 
 SHORT = 0.1
@@ -20,9 +19,9 @@ MOST = 5
 
 
 def solved(tracker: Tracker) -> Pass:
-    """The whole motion, from the anchor that leaves hands and feet least behind.
+    """The whole motion, from the anchor that leaves hands, feet, trunk and soles least behind.
 
-    The first frame is the first anchor.  If a hand or a foot lags for a while, the last frame is the next one, then the
+    The first frame is the first anchor.  If one of them lags for a while, the last frame is the next one, then the
     worst frame of the best pass so far, as long as that reduces the lag.
     """
     last = len(tracker.targets) - 1
@@ -40,7 +39,7 @@ def solved(tracker: Tracker) -> Pass:
 
 
 def _from(tracker: Tracker, anchor: int, hint: Pass | None) -> tuple[Pass, Mat]:
-    """The pass from an anchor both ways, and how far toes and hands are off in it ``(T, 4)`` [m]."""
+    """The pass from an anchor both ways, and its errors ``(T, 7)``."""
     q = start(tracker, anchor, *([] if hint is None else [hint.q[anchor]]))
     rest, last = np.zeros(tracker.robot.nv), len(tracker.targets) - 1
     found = tracker.run(q, rest, anchor, last)
@@ -52,9 +51,9 @@ def _from(tracker: Tracker, anchor: int, hint: Pass | None) -> tuple[Pass, Mat]:
 def _behind(tracker: Tracker, errors: Mat) -> bool:
     """Return true if a part lags for longer than ``SHORT``."""
     frames = max(1, round(SHORT / tracker.dt))
-    return any(last - first >= frames for column in errors.T for first, last in runs(column > OFF))
+    return any(last - first >= frames for column in errors.T for first, last in runs(column > 1.0))
 
 
 def _cost(errors: Mat) -> float:
-    """Lag of hands and feet, over all frames [m]."""
-    return float(np.maximum(errors - OFF, 0.0).sum())
+    """Sum of the errors beyond 1, over all frames."""
+    return float(np.maximum(errors - 1.0, 0.0).sum())

@@ -54,7 +54,7 @@ class Body:
         levers = {side: places[f"{side}_sole"] - places[f"{side}_ankle"] for side in SIDES}
         toes, heels, corners = {}, {}, {}
         for side in SIDES:
-            low, high = _extent(robot, found, axes, side)
+            low, high = _extent(robot, found.frames[f"{side}_sole"], places[f"{side}_sole"])
             toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
             corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         return Body(places, axes, axes["pelvis"].T @ (hips - places["pelvis"]), levers, toes, heels, corners)
@@ -78,15 +78,14 @@ class Body:
         return float(np.linalg.norm(self.places[f"left_{limb}"] - self.places[f"right_{limb}"]))
 
 
-def _extent(robot: Robot, found: SkeletonMap, axes: dict[str, Mat], side: str) -> tuple[Vec, Vec]:
+def _extent(robot: Robot, frame: str, place: Vec) -> tuple[Vec, Vec]:
     """Extent of a sole from its point: back and right, forward and left ``(2,)`` [m]; 5 cm without shapes."""
-    from hqp.robots.soles import sole
+    from hqp.robots.soles import level_sole
 
-    part = f"{side}_sole"
     try:
-        corners = np.array(sole(robot, found.frames[part], 6))
+        points = level_sole(robot, frame)[:, :2] - place[:2]
     except ModelError:
+        points = np.zeros((0, 2))
+    if len(points) < 2:
         return np.array([-0.05, 0.0]), np.array([0.05, 0.0])
-    offset = np.array(found.offset(part))
-    turned = (np.column_stack((corners, np.zeros(len(corners)))) - offset * [1.0, 1.0, 0.0]) @ axes[part].T
-    return turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)
+    return points.min(axis=0), points.max(axis=0)

@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.goals import Reached, reach
 
-from .tracker import Tracker
+from .tracker import LEAN, OFF, Tracker
 
 HEADINGS = (0.0, 0.5 * math.pi, -0.5 * math.pi, math.pi)
 """From which a search begins, from the trunk's own [rad]."""
@@ -20,7 +20,10 @@ SAME = 5e-3
 """Residuals that differ by less are alike [m, rad]: the earlier start is taken."""
 
 ABOVE = ("subject_to", "stance", "ground", "swing", "hands")
-"""Levels that a start has to meet; if one does, the search ends."""
+"""Levels that a start has to meet; if one does with an upright trunk and level soles, the search ends."""
+
+TURNED = ("soles", "trunk")
+"""Levels whose residual is at most ``LEAN`` in an acceptable start."""
 
 TOLERANCE = 2e-3
 """Tolerance of ``reach`` [m, rad]."""
@@ -44,12 +47,21 @@ def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
 
 
 def _enough(found: Reached) -> bool:
-    """Return true if feet and hands are at their targets: the levels below are a matter of posture."""
-    return all(found.residuals[level] < SAME for level in found.residuals if level in ABOVE)
+    """Return true if feet and hands are at their targets and neither trunk nor soles lean: the rest is posture."""
+    met = all(found.residuals[level] < SAME for level in found.residuals if level in ABOVE)
+    return met and _excess(found) == 0.0
+
+
+def _excess(found: Reached) -> float:
+    """Sum of the residuals beyond what the report calls a shortfall, each by its limit."""
+    limits = {**dict.fromkeys(ABOVE, OFF), **dict.fromkeys(TURNED, LEAN)}
+    return sum(max(0.0, found.residuals[level] / limits[level] - 1.0) for level in found.residuals if level in limits)
 
 
 def _worse(one: Reached, two: Reached) -> bool:
-    """Return true if the first level in which they differ is worse in one."""
+    """Return true if one has more shortfalls, or as many and is worse in the first level in which they differ."""
+    if abs(_excess(one) - _excess(two)) > SAME:
+        return _excess(one) > _excess(two)
     for level in one.residuals:
         if abs(one.residuals[level] - two.residuals[level]) > SAME:
             return one.residuals[level] > two.residuals[level]

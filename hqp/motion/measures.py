@@ -58,6 +58,8 @@ class Measures:
             "hand_end": last,
             "foot_p50": _quantile(feet, 0.5),
             "foot_p99": _quantile(feet, 0.99),
+            "trunk_p99": _quantile(self.errors["torso"], 0.99),
+            "sole_p99": _quantile(np.concatenate([self.errors[f"{side}_sole"] for side in SIDES]), 0.99),
             "acceleration_p99": _quantile(self.acceleration, 0.99),
             "jerk_p99": _quantile(self.jerk, 0.99),
             "beyond": float(self.beyond.max()),
@@ -79,6 +81,7 @@ def measure(robot: Robot, stacks: Stacks, targets: Targets, q: Mat, resting: dic
     resting = targets.contacts.resting if resting is None else resting
     slide = {side: _slide(places, resting[f"{side}_foot"], side, targets.fps) for side in SIDES}
     heights = np.min([places[task.name][:, 2] for task in stacks.corners], axis=0)
+    heights = np.minimum(heights, _feet(robot, stacks, bodies))
     clearance, lowest = _collisions(robot, stacks, bodies)
     rates = np.diff(angles, axis=0) * targets.fps
     acceleration = np.diff(rates, axis=0) * targets.fps
@@ -150,6 +153,20 @@ def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[
         if capsule.name in above:
             lowest = np.minimum(lowest, np.minimum(a[:, 2], b[:, 2]) - capsule.radius)
     return least, lowest
+
+
+def _feet(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> Vec:
+    """Height of the lowest point of the shapes on both feet's links ``(n,)`` [m]; inf without shapes."""
+    from hqp.robots.soles import swept
+
+    lowest = np.full(len(bodies[0]), np.inf)
+    for side in SIDES:
+        frame = stacks.frames[f"{side}_sole"]
+        body = robot.body(robot.frame(frame))
+        for points, radius in swept(robot, frame):
+            heights = bodies[1][:, body, 2] @ points.T
+            lowest = np.minimum(lowest, bodies[0][:, body, 2] + heights.min(axis=1) - radius)
+    return lowest
 
 
 def segments(a: Mat, b: Mat, c: Mat, d: Mat) -> Vec:

@@ -44,7 +44,8 @@ def render(motion: Retargeted) -> str:
     curves.append(("Acceleration of the fastest joint", "rad/s²", {"joints": m.acceleration}))
     curves.append(("Jerk of the fastest joint", "rad/s³", {"joints": m.jerk}))
     curves.append(("Fastest joint by its speed limit", "", {"joints": m.speed}))
-    body = [f"<h1>{escape(motion.robot.name)}</h1>", f"<p>{escape(str(motion).splitlines()[0])}</p>", _figures(motion)]
+    body = [f"<h1>{escape(motion.robot.name)}</h1>", *(f"<p>{escape(note)}</p>" for note in motion.notes)]
+    body += [f"<p>{escape(motion.lines()[0])}</p>", _figures(motion)]
     body += [_shortfalls(motion), _gave_way(motion), *_worst(graphs, motion)]
     for title, unit, lines in curves:
         figure = _figure(graphs, unit, lines, motion.fps)
@@ -57,17 +58,18 @@ def render(motion: Retargeted) -> str:
 
 
 def _figures(motion: Retargeted) -> str:
-    rows = "".join(f"<tr><td>{escape(line)}</td></tr>" for line in str(motion).splitlines()[1:5])
+    rows = "".join(f"<tr><td>{escape(line)}</td></tr>" for line in motion.lines()[1:])
     statuses = ", ".join(f"{name} {count}" for name, count in motion.statuses.items())
     return f"<table>{rows}<tr><td>ticks: {escape(statuses)}</td></tr></table>"
 
 
 def _shortfalls(motion: Retargeted) -> str:
     if not motion.shortfalls:
-        return "<h2>What was not met</h2><p>No hand and no foot was more than 50 mm off.</p>"
+        met = "No hand and no foot was more than 50 mm off, trunk and soles were within 45 degrees."
+        return f"<h2>What was not met</h2><p>{met}</p>"
     rows = "".join(
         f"<tr><td>{escape(s.part)}</td><td>{s.first / motion.fps:.2f} to {s.last / motion.fps:.2f} s</td>"
-        f"<td>{MILLI * s.error:.0f} mm</td><td>{escape(s.reason)}</td></tr>"
+        f"<td>{s.by}</td><td>{escape(s.reason)}</td></tr>"
         for s in motion.shortfalls
     )
     head = "<tr><th>part</th><th>when</th><th>most</th><th>gave way to</th></tr>"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -104,18 +105,22 @@ class Retargeted:
         return Scrubber(self, **doors)
 
     def __str__(self) -> str:
+        return "\n".join([*self.notes, *self.lines(), *(str(each) for each in self.shortfalls)])
+
+    def lines(self) -> list[str]:
+        """The figures in words."""
         s = self.summary
         nearest, hands = 1e3 * s["clearance"], (1e3 * s["hand_p50"], 1e3 * s["hand_p99"])
-        lines = [
+        return [
             f"{self.robot.name}: {len(self)} frames, {len(self) / self.fps:.1f} s, "
             f"{s['frames_per_second']:.0f} frames/s",
             f"standing feet that slide faster than 1 cm/s: {100 * s['slide_share']:.2f} % of frames",
             f"deepest point below the floor {1e3 * s['penetration']:.1f} mm, nearest links {nearest:.1f} mm",
-            f"hands off p50 {hands[0]:.1f}, p99 {hands[1]:.0f} mm; toes p99 {1e3 * s['foot_p99']:.0f} mm",
+            f"hands off p50 {hands[0]:.1f}, p99 {hands[1]:.0f} mm; toes p99 {1e3 * s['foot_p99']:.0f} mm; "
+            f"trunk p99 {math.degrees(s['trunk_p99']):.0f}, soles p99 {math.degrees(s['sole_p99']):.0f} degrees",
             f"joints p99 {s['acceleration_p99']:.0f} rad/s^2, {s['jerk_p99']:.3g} rad/s^3; "
             f"beyond limits {s['beyond']:.2g} rad; fastest {100 * s['speed']:.0f} % of its limit",
         ]
-        return "\n".join([*self.notes, *lines, *(str(each) for each in self.shortfalls)])
 
 
 def velocities(robot: Robot, q: Mat, fps: float) -> Mat:

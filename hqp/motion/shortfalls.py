@@ -13,15 +13,15 @@ from hqp.arrays import Mat, Vec
 from hqp.explanation.account import TickAccount
 
 from .contacts import runs
-from .tracker import Tracker
-
-OFF = 0.05
-"""A hand or a foot further off than this is behind [m]."""
+from .tracker import LEAN, OFF, Tracker
 
 NOTED = 5e-3
 """Threshold for a hand or a foot: beyond it the cause is recorded, frame by frame [m]."""
 
 PARTS = ("left_toe", "right_toe", "left_hand", "right_hand")
+
+LIMITS = {**dict.fromkeys(PARTS, OFF), **dict.fromkeys(("torso", "left_sole", "right_sole"), LEAN)}
+"""Errors beyond which a part is behind [m; rad for trunk and soles]."""
 
 GAP = 0.1
 """Stretches behind that are nearer than this are one [s]."""
@@ -34,7 +34,8 @@ Names = NDArray[np.str_]
 
 @dataclass(frozen=True)
 class Shortfall:
-    """A part that was behind from frame ``first`` up to but not ``last``, most in frame ``worst`` by ``error`` [m].
+    """A part that was behind from frame ``first`` up to but not ``last``, most in frame ``worst`` by ``error`` [m; rad
+    for trunk and soles].
 
     reason: the cause there.
     """
@@ -53,15 +54,20 @@ class Shortfall:
         return replace(self, first=first, last=last, worst=self.worst // each)
 
     def __str__(self) -> str:
-        return f"{self.part}, frames {self.first} to {self.last - 1}: {1e3 * self.error:.0f} mm off, {self.reason}"
+        return f"{self.part}, frames {self.first} to {self.last - 1}: {self.by} off, {self.reason}"
+
+    @property
+    def by(self) -> str:
+        """The error with its unit."""
+        return f"{1e3 * self.error:.0f} mm" if self.part in PARTS else f"{math.degrees(self.error):.0f} degrees"
 
 
 def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tuple[Shortfall, ...]:
-    """For the toes and hands; errors: by part and frame [m]."""
+    """For toes, hands, trunk and soles; errors: by part and frame [m, rad]."""
     found = []
     gap = max(1, round(GAP / tracker.dt))
-    for part in PARTS:
-        behind = errors[part] > OFF
+    for part, limit in LIMITS.items():
+        behind = errors[part] > limit
         for first, last in runs(~behind):
             if last - first < gap and first > 0 and last < len(behind):
                 behind[first:last] = True

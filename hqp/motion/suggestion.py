@@ -7,23 +7,28 @@ from itertools import pairwise
 import numpy as np
 
 from hqp.declare.robot import Robot
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, ModelError
+from hqp.robots.soles import foot_joints, level_sole
 
 from .joints import SIDES
-from .skeleton_map import SkeletonMap
+from .skeleton_map import Offset, SkeletonMap
+
+NEAR = 1e-3
+"""A frame whose height differs by less from the lowest shapes of its link is that of a sole [m]."""
 
 
 def suggest_map(robot: Robot) -> SkeletonMap:
     """Names of frames for every part, to be looked over: knees and elbows are the joints half way along a limb.
 
-    Feet and hands are the robot's landmarks ``soles`` and ``palms``, or the ends of the tree that are lowest, and the
-    other ends that are furthest to either side.  Raises DeclarationError for a robot that has no two legs and two arms.
+    Feet and hands are the robot's landmarks ``soles`` and ``palms``, or the links with the lowest collision shapes, and
+    the other ends of the tree that are furthest to either side.  A sole's point is in the middle of its link's lowest
+    shapes.  Raises DeclarationError for a robot that has no two legs and two arms.
     """
     if not robot.floating:
         raise DeclarationError("suggest-map", "a robot whose base is fixed", value=robot.name, allowed="a free base")
     tree = _Tree(robot)
-    feet = robot.landmarks.get("soles", ()) or tree.pair(lowest=True)
-    hands = robot.landmarks.get("palms", ()) or tree.pair(lowest=False)
+    feet = robot.landmarks.get("soles", ()) or tree.feet()
+    hands = robot.landmarks.get("palms", ()) or tree.hands()
     if len(feet) != 2 or len(hands) != 2:
         raise DeclarationError("suggest-map", "no two feet and two hands", value=(tuple(feet), tuple(hands)))
     feet, hands = tree.sided(feet), tree.sided(hands)
@@ -43,13 +48,35 @@ def suggest_map(robot: Robot) -> SkeletonMap:
         elbow = tree.half_way(own, hand)
         shoulder = tree.widest(own[: own.index(elbow)] or own[:1])
         frames |= {f"{side}_shoulder": tree.frame(shoulder), f"{side}_elbow": tree.frame(elbow), f"{side}_hand": hand}
-    return SkeletonMap(frames)
+    offsets = {f"{side}_sole": offset for side, foot in zip(SIDES, feet, strict=True) if (offset := _sole(robot, foot))}
+    return SkeletonMap(frames, offsets)
+
+
+def _sole(robot: Robot, frame: str) -> Offset | None:
+    """The middle of the lowest shapes on a frame's link, in the frame's axes ``(3,)`` [m]; None for a frame that is as
+    low, and for a link without shapes.
+    """
+    try:
+        points = level_sole(robot, frame)
+    except ModelError:
+        return None
+    state = robot.state(robot.home)
+    place = np.array(state.position(frame))
+    if not len(points) or abs(float(points[:, 2].min()) - place[2]) < NEAR:
+        return None
+    middle = np.array([*0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0)), points[:, 2].min()])
+    x, y, z = (state.rotation(frame).T @ (middle - place)).tolist()
+    return round(x, 6), round(y, 6), round(z, 6)
 
 
 class _Tree:
     """Bodies of a robot at home: 0 the world, 1 the base."""
 
     def __init__(self, robot: Robot) -> None:
+        try:
+            self._lowest: tuple[int, ...] = foot_joints(robot)
+        except ModelError:
+            self._lowest = ()
         self._robot, self._state = robot, robot.state(robot.home)
         self._state.kinematics()
         self._parents = [int(body[0]) for body in robot.bodies]
@@ -72,14 +99,19 @@ class _Tree:
             body = self._parents[body]
         return found[::-1]
 
-    def pair(self, lowest: bool) -> tuple[str, ...]:
-        """Frames of two ends of the tree: the lowest, or of those in the upper half the ones furthest to the sides."""
-        ends = [b for b in range(2, len(self._parents)) if b not in self._parents and abs(self._places[b][1]) > 0.02]
-        low = sorted(ends, key=lambda b: float(self._places[b][2]))[:2]
-        if lowest:
-            return tuple(self.frame(b) for b in low)
-        high = sorted((b for b in ends if b not in low), key=lambda b: float(self._places[b][1]))
+    def feet(self) -> tuple[str, ...]:
+        """Frames of the two links with the lowest shapes, of the two lowest ends for a robot without shapes."""
+        return tuple(self.frame(body) for body in self._lowest or self._ends()[:2])
+
+    def hands(self) -> tuple[str, ...]:
+        """Frames of the two ends of the tree that are furthest to the sides, but for the two lowest."""
+        high = sorted(self._ends()[2:], key=lambda b: float(self._places[b][1]))
         return (self.frame(high[-1]), self.frame(high[0])) if len(high) > 1 else ()
+
+    def _ends(self) -> list[int]:
+        """Ends of the tree beside its middle, the lowest first."""
+        ends = [b for b in range(2, len(self._parents)) if b not in self._parents and abs(self._places[b][1]) > 0.02]
+        return sorted(ends, key=lambda b: float(self._places[b][2]))
 
     def sided(self, frames: tuple[str, ...]) -> tuple[str, ...]:
         """Left first."""

@@ -29,6 +29,12 @@ if TYPE_CHECKING:
 RELEASE = 0.2
 """A foot that leaves the ground comes from where it stood to where the person's is in so long [s]."""
 
+OFF = 0.05
+"""A hand or a foot further off than this is behind [m]."""
+
+LEAN = 0.8
+"""A trunk or a sole turned further from its target than this leans [rad]."""
+
 SLIDE = 5e-3
 """A tick in which a standing foot would move faster is solved again [m/s]."""
 
@@ -141,14 +147,17 @@ class Tracker:
         return found
 
     def errors(self, q: Mat) -> Mat:
-        """Distances of toes and hands from their targets ``(T, 4)`` [m], frame by frame."""
+        """Errors of toes, hands, trunk and soles ``(T, 7)``, frame by frame: 1 is ``OFF`` or ``LEAN``."""
         hands = (f"{side}_hand" for side in SIDES)
         tasks = {**{task.name: task for task in self.stacks.toes.values()}, **{h: self.stacks.points[h] for h in hands}}
         aims = {name: ({**self._edges, **self._places})[name][0] for name in tasks}
-        found = np.empty((len(q), len(tasks)))
+        axes = {task: self._axes[task.name][0] for task in (self.stacks.trunk[1], *self.stacks.soles.values())}
+        found = np.empty((len(q), len(tasks) + len(axes)))
         for i, at in enumerate(q):
             state = self.robot.state(at)
-            found[i] = [float(np.linalg.norm(task.value(state) - aims[name][i])) for name, task in tasks.items()]
+            off = [float(np.linalg.norm(task.value(state) - aims[name][i])) / OFF for name, task in tasks.items()]
+            lean = [float(np.linalg.norm(task.error(state, R[i]))) / LEAN for task, R in axes.items()]
+            found[i] = [*off, *lean]
         return found
 
     def run(self, q: Vec, v: Vec, first: int, last: int, course: Course | None = None) -> Pass:

@@ -1,0 +1,153 @@
+"""Robots that no catalogue names: soles by their lowest shapes, a report by all shapes of the feet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp.errors import DeclarationError
+from hqp.motion import Motion, SkeletonMap, branches, retarget, shortfalls
+from hqp.motion.body import Body
+from hqp.motion.suggestion import suggest_map
+from hqp.motion.tracker import LEAN, OFF
+
+from .people import stand
+
+mujoco = pytest.importorskip("mujoco")
+
+TURNS = {"up": "1 0 0 0", "ahead": "0.7071068 0 0.7071068 0", "down": "0 1 0 0", "aslant": "0.9238795 0.3826834 0 0"}
+"""Rotations of the feet's bodies, wxyz; their shapes stay level."""
+
+
+def _humanoid(path: Path, turn: str, drop: float) -> Path:
+    """Two legs of six joints and two arms of four; the soles are a box or four balls, ``drop`` below the ankles."""
+    w, x, y, z = (float(word) for word in turn.split())
+    back = f"{w} {-x} {-y} {-z}"
+
+    def foot(side: str) -> str:
+        at = _turned(back, (0.03, 0.0, -drop + 0.01))
+        return (
+            f'<body name="{side}_foot" pos="0 0 -.34" quat="{turn}">'
+            f'<joint name="{side}_ankle_pitch" axis="{_turned(back, (0, 1, 0))}" range="-.9 .6"/>'
+            f'<joint name="{side}_ankle_roll" axis="{_turned(back, (1, 0, 0))}" range="-.3 .3"/>'
+            f'<geom type="box" pos="{at}" quat="{back}" size=".11 .045 .01" mass=".8"/></body>'
+        )
+
+    def leg(side: str, y: float) -> str:
+        joints = (("yaw", "0 0 1", "-.8 .8"), ("roll", "1 0 0", "-.6 .6"), ("pitch", "0 1 0", "-1.8 1"))
+        own = "".join(f'<joint name="{side}_hip_{n}" axis="{a}" range="{r}"/>' for n, a, r in joints)
+        return (
+            f'<body name="{side}_hip" pos="0 {y} 0">{own}<geom type="sphere" size=".05" mass="1.5"/>'
+            f'<body name="{side}_shank" pos="0 0 -.36"><joint name="{side}_knee" axis="0 1 0" range="0 2.2"/>'
+            f'<geom type="capsule" fromto="0 0 -.05 0 0 -.25" size=".04" mass="3"/>{foot(side)}</body></body>'
+        )
+
+    def arm(side: str, y: float) -> str:
+        return (
+            f'<body name="{side}_arm" pos="0 {y} .42"><joint name="{side}_shoulder_pitch" axis="0 1 0" range="-3 1.5"/>'
+            f'<joint name="{side}_shoulder_roll" axis="1 0 0" range="-2.5 2.5"/>'
+            f'<geom type="capsule" fromto="0 0 -.05 0 0 -.2" size=".03" mass="1.2"/>'
+            f'<body name="{side}_forearm" pos="0 0 -.25"><joint name="{side}_elbow" axis="0 1 0" range="-2.2 0"/>'
+            f'<geom type="capsule" fromto="0 0 -.05 0 0 -.18" size=".03" mass=".8"/>'
+            f'<body name="{side}_hand" pos="0 0 -.24"><joint name="{side}_wrist" axis="1 0 0" range="-.8 .8"/>'
+            f'<geom type="sphere" size=".03" mass=".3"/></body></body></body>'
+        )
+
+    path.write_text(
+        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
+        f'<body name="trunk" pos="0 0 {0.70 + drop}"><freejoint/>'
+        '<geom type="box" pos="0 0 .22" size=".08 .1 .18" mass="14"/>'
+        f"{leg('left', 0.1)}{leg('right', -0.1)}{arm('left', 0.2)}{arm('right', -0.2)}</body></worldbody></mujoco>"
+    )
+    return path
+
+
+def _turned(quat: str, vector: tuple[float, ...]) -> str:
+    found = np.zeros(3)
+    mujoco.mju_rotVecQuat(found, np.array(vector, dtype=float), np.array([float(word) for word in quat.split()]))
+    return " ".join(f"{x:.6f}" for x in found)
+
+
+def _lowest(path: Path, q: Any) -> float:
+    """Lowest point of any shape by MuJoCo, over all frames [m]."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, least = mujoco.MjData(model), np.inf
+    for row in q:
+        data.qpos[:] = [*row[:3], row[6], *row[3:6], *row[7:]]
+        mujoco.mj_kinematics(model, data)
+        for k in range(model.ngeom):
+            R, size = data.geom_xmat[k].reshape(3, 3), model.geom_size[k]
+            kind = model.geom_type[k]
+            half = size @ np.abs(R[2]) if kind == mujoco.mjtGeom.mjGEOM_BOX else size[0]
+            half += size[1] * abs(R[2, 2]) if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+            least = min(least, float(data.geom_xpos[k, 2] - half))
+    return least
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("drop", [0.03, 0.08])
+def test_soles_are_at_the_lowest_shapes(tmp_path: Path, turn: str, drop: float) -> None:
+    path = _humanoid(tmp_path / "somebody.xml", TURNS[turn], drop)
+    robot = hqp.robots.load(path)
+    found = suggest_map(robot)
+    body = Body.of(robot, found)
+    for side, y in (("left", 0.1), ("right", -0.1)):
+        np.testing.assert_allclose(body.places[f"{side}_sole"], [0.03, y, 0.0], atol=1e-4)
+        np.testing.assert_allclose(body.toes[side], [0.11, 0.0, 0.0], atol=1e-4)
+
+
+@pytest.mark.slow
+def test_nothing_is_below_the_floor(tmp_path: Path) -> None:
+    path = _humanoid(tmp_path / "somebody.xml", TURNS["ahead"], 0.08)
+    robot = hqp.robots.load(path)
+    done = retarget(stand(0.4), robot, map=suggest_map(robot), collision=False)
+    assert _lowest(path, done.q) > -2e-3
+    assert done.measures.penetration.max() == pytest.approx(max(0.0, -_lowest(path, done.q)), abs=1e-3)
+
+
+@pytest.mark.slow
+def test_the_report_is_about_shapes_not_the_map(tmp_path: Path) -> None:
+    """A map whose soles are 50 mm too high: the shapes are below the floor, and the report has their depth."""
+    path = _humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.08)
+    robot = hqp.robots.load(path)
+    found = suggest_map(robot)
+    high = SkeletonMap(found.frames, dict.fromkeys(found.offsets, (0.03, 0.0, -0.03)))
+    done = retarget(stand(0.4), robot, map=high, collision=False)
+    deep = -_lowest(path, done.q)
+    assert deep > 0.04
+    assert done.measures.penetration.max() == pytest.approx(deep, abs=1e-3)
+
+
+def test_a_start_that_leans_is_worse_than_hands_a_little_off() -> None:
+    reached: Any = SimpleNamespace
+    levels = {"stance": 0.0, "hands": 0.0, "soles": 0.0, "trunk": 0.0}
+    leaning = reached(residuals={**levels, "trunk": 1.3 * LEAN})
+    off = reached(residuals={**levels, "hands": 0.3 * OFF})
+    assert branches._worse(leaning, off)
+    assert not branches._worse(off, leaning)
+    assert not branches._enough(leaning)
+    assert branches._enough(reached(residuals={**levels, "trunk": 0.5 * LEAN}))
+
+
+def test_a_leaning_trunk_is_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A person who bends sideways by 80 degrees, on a robot whose waist cannot."""
+    motion = stand(0.4)
+    places = motion.positions.copy()
+    upper = [k for k, name in enumerate(motion.names) if "Arm" in name or "Hand" in name]
+    c, s = np.cos(1.4), np.sin(1.4)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    hips = places[:, :1]
+    places[:, upper] = hips + (places[:, upper] - hips) @ turn.T
+    monkeypatch.setitem(shortfalls.LIMITS, "torso", 0.3)
+    found = retarget(Motion(motion.names, places, motion.fps, motion.parents), "g1", collision=False)
+    assert any(each.part == "torso" and "degrees" in str(each) for each in found.shortfalls)
+
+
+def test_no_map_for_an_arm() -> None:
+    with pytest.raises(DeclarationError, match="base is fixed"):
+        suggest_map(hqp.robots.load("ur5"))
