@@ -91,10 +91,12 @@ class FrictionCone(_ContactForce):
     cos(pi / edges) f_z, b halfway: conservative, exact along the edge directions, so also along x (and with an even
     number of edges along -x, with a multiple of four along y).  f_z >= 0 is implied.  mu: friction coefficient.  edges:
     at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows, divided by torsion, so that they are in
-    N as the others are (a torsion of zero leaves |m_z| <= 0 in N m); None leaves m_z free.  sole: (x_min, x_max, y_min,
+    N as the others are (a torsion of zero leaves |m_z| <= 0 in N m); inf leaves m_z free.  sole: (x_min, x_max, y_min,
     y_max) [m] in its place: m_z is limited by forces in these four corners, each inside the square |f_x|, |f_y| <= mu /
     sqrt(2) f_z inside its cone, so it is smaller near an edge and zero with the centre of pressure in a corner; eight
-    rows (Caron, Pham, Nakamura 2015, eq. 19).  Raises DeclarationError for fields.
+    rows (Caron, Pham, Nakamura 2015, eq. 19).  With neither, a session takes the sole from a ``CenterOfPressure`` of
+    the same contact (the largest rectangle in its polygon); without one m_z is free.  Raises DeclarationError for
+    fields.
     """
 
     suffix: ClassVar[str] = "friction"
@@ -109,7 +111,7 @@ class FrictionCone(_ContactForce):
         check_number(self, "mu", self.mu, 0.0, strict=True)
         if not isinstance(self.edges, int) or isinstance(self.edges, bool) or self.edges < 3:
             raise self.invalid("edges", self.edges, "a whole number, at least 3")
-        if self.torsion is not None:
+        if self.torsion not in (None, math.inf):
             check_number(self, "torsion", self.torsion, 0.0)
         if self.sole is None:
             return
@@ -130,18 +132,19 @@ class FrictionCone(_ContactForce):
 
         about the sole's middle, X and Y its half sizes, divided by X + Y.
         """
-        if self.torsion is None and self.sole is None:
+        torsion = None if self.torsion == math.inf else self.torsion
+        if torsion is None and self.sole is None:
             self._check_dimension(dimension, 3, 6)
         else:
             self._check_dimension(dimension, 6)
         half = math.pi / self.edges
         b = half + 2.0 * half * np.arange(self.edges)
-        k = self.edges + (8 if self.sole is not None else 0 if self.torsion is None else 2)
+        k = self.edges + (8 if self.sole is not None else 0 if torsion is None else 2)
         C = np.zeros((k, dimension))
         C[: self.edges, 0], C[: self.edges, 1], C[: self.edges, 2] = -np.cos(b), -np.sin(b), self.mu * math.cos(half)
-        if self.torsion is not None:
-            C[self.edges :, 2], C[self.edges :, 5] = self.torsion, (-1.0, 1.0)
-            C[self.edges :] /= self.torsion or 1.0
+        if torsion is not None:
+            C[self.edges :, 2], C[self.edges :, 5] = torsion, (-1.0, 1.0)
+            C[self.edges :] /= torsion or 1.0
         if self.sole is not None:
             C[self.edges :] = _turning(self.mu * math.sqrt(0.5), *self.sole)
         return C, np.zeros(k), np.full(k, math.inf)

@@ -21,6 +21,19 @@ def shrunk(corners: Sequence[tuple[float, float]], margin: float) -> tuple[tuple
     return tuple((float(x), float(y)) for x, y in middle + (points - middle) * share)
 
 
+def rectangle_in(corners: Sequence[tuple[float, float]], middle: Vec) -> tuple[float, float, float, float]:
+    """Largest rectangle like the box of a convex polygon, counter-clockwise, about a point ``(2,)`` inside it:
+    (x_min, x_max, y_min, y_max) [m].
+    """
+    a = np.array(corners) - middle
+    half = 0.5 * np.ptp(a, axis=0)
+    side = np.roll(a, -1, axis=0) - a
+    normal = np.column_stack((side[:, 1], -side[:, 0]))
+    share = float(np.min(np.sum(normal * a, axis=1) / (np.abs(normal) @ half)))
+    (x, y), (X, Y) = middle.tolist(), (share * half).tolist()
+    return x - X, x + X, y - Y, y + Y
+
+
 def nearest(corners: Mat, point: Vec) -> Vec:
     """The point of a convex polygon that is nearest to another one ``(2,)``; corners ``(m, 2)`` counter-clockwise."""
     points: list[list[float]] = corners.tolist()

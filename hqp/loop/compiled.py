@@ -128,11 +128,11 @@ class Compiler:
         return known
 
     def _compiled(self, stack: Stack) -> Compiled:
-        whole = coupled(stack if self._controller.calm else undamped(stack), self._robot)
+        formulation = self._controller.formulation
+        whole = formulation.completed(coupled(stack if self._controller.calm else undamped(stack), self._robot))
         solver = self._controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
         price, dropped = affordable(whole, as_price("controller", self._controller.price), solver)
-        formulation = self._controller.formulation
         if solver.inequalities and not is_exact(price):
             whole, unbounded = formulation.bounded(whole, self._robot)
             dropped = "; ".join(filter(None, (dropped, unbounded)))

@@ -164,6 +164,10 @@ class Formulation(ABC):
         price: price of levels that declare none, the default for None; one with tau = 0 makes every level exact.
         """
 
+    def completed(self, stack: Stack) -> Stack:
+        """The stack with what other elements of it tell about an element; by default as it is."""
+        return stack
+
     def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
         """Return the stack with default bounds on x, and a note on omitted ones."""
         return stack, ""

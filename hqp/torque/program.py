@@ -31,6 +31,7 @@ from hqp.torque.reactions import Supports, reactions, require_actuation
 from hqp.torque.rest import Held
 from hqp.torque.rows import TorqueRows
 from hqp.torque.self_motion import SelfMotions
+from hqp.torque.soles import with_soles
 from hqp.torque.terms import Terms
 
 
@@ -70,6 +71,10 @@ class Torque(Formulation):
         share = self.holding
         if share is not None and not (isinstance(share, (int, float)) and 0.0 < share <= 1.0):
             raise DeclarationError("Torque", "holding", value=share, allowed="a share above 0 and at most 1, or None")
+
+    def completed(self, stack: Stack) -> Stack:
+        """The stack whose friction cones know their soles."""
+        return with_soles(stack)
 
     def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
         """The stack within a few times the limits of the robot's motors, where it bounds no torque itself.

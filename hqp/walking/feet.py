@@ -11,6 +11,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import yaw_of
+from hqp.tasks.polygons import rectangle_in
 from hqp.walking.footsteps import Foothold, rotation
 
 if TYPE_CHECKING:
@@ -39,13 +40,7 @@ class Foot:
     @property
     def rectangle(self) -> tuple[float, float, float, float]:
         """Largest rectangle like the box of the corners, about its middle, inside them (x_min, x_max, y_min, y_max)."""
-        a = np.array(self.corners) - self.middle
-        half = 0.5 * np.ptp(a, axis=0)
-        side = np.roll(a, -1, axis=0) - a
-        normal = np.column_stack((side[:, 1], -side[:, 0]))
-        share = float(np.min(np.sum(normal * a, axis=1) / (np.abs(normal) @ half)))
-        (x, y), (X, Y) = self.middle, (share * half).tolist()
-        return x - X, x + X, y - Y, y + Y
+        return rectangle_in(self.corners, np.array(self.middle))
 
     def placed(self, state: State) -> Foothold:
         """Present foothold."""

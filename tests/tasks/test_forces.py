@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 import hqp.robots
+from hqp import Level, Stack, Torque
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
-from hqp.tasks import CenterOfPressure, FrictionCone, UnilateralContact
+from hqp.tasks import CenterOfPressure, Com, FixedContact, FrictionCone, UnilateralContact
 
 TRAPEZE = ((-0.1, -0.04), (0.15, -0.05), (0.15, 0.05), (-0.1, 0.06))
 
@@ -84,6 +86,41 @@ def test_a_sole_turns_as_forces_in_its_corners_allow() -> None:
     assert not holds(cone, [0.0, 0.0, 100.0, 100.0 * Y, -100.0 * X, 0.1]), "in a corner nothing holds it"
     with pytest.raises(DeclarationError, match="one of them"):
         FrictionCone(contact="foot", mu=0.5, sole=sole, torsion=0.1)
+
+
+@pytest.mark.parametrize("polygon", [TRAPEZE, TRAPEZE[:3]])
+@pytest.mark.parametrize("first", [True, False])
+def test_the_sole_of_a_centre_of_pressure_bounds_the_yaw_moment(polygon: Any, first: bool) -> None:
+    """Inside the polygon: no more yaw moment than forces in its corners give (an LP); inf leaves it free."""
+    feet = tuple(FixedContact(frame=frame, name=frame) for frame in ("left_sole_link", "right_sole_link"))
+    press = CenterOfPressure(contact=feet[0].name, polygon=polygon)
+    cones = [FrictionCone(contact=foot.name, mu=0.5) for foot in feet]
+    within = (*feet, press, *cones) if first else (*feet, *cones, press)
+    stack = Stack(Level(Com()), subject_to=within)
+    completed = {e.name: e for e in Torque().completed(stack)}
+    assert completed[cones[1].name] == cones[1]
+    cone = completed[cones[0].name]
+    assert cone.sole is not None
+    C = np.vstack([e.force_rows(6)[0] for e in (cone, CenterOfPressure(contact="foot", rectangle=cone.sole))])
+    assert len(C) == 16 + 4
+    own = replace(cones[0], torsion=math.inf)
+    assert own in tuple(Torque().completed(Stack(Level(own), subject_to=(*feet, press))))
+    assert len(own.force_rows(6)[0]) == 8
+    corners = np.array(press.corners())
+    G = np.array([[*f, *np.cross([*p, 0.0], f)] for p in corners for f in _edges(0.5)]).T
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(300):
+        f = rng.normal(size=6) * [20.0, 20.0, 5.0, 2.0, 2.0, 2.0] + [0.0, 0.0, 100.0, 0.0, 0.0, 0.0]
+        if min(C @ f) >= 0.0:
+            inside += 1
+            assert linprog(np.zeros(G.shape[1]), A_eq=G, b_eq=f).status == 0
+    assert inside > 2
+
+
+def _edges(mu: float) -> list[tuple[float, float, float]]:
+    """Forces along the edges of a fine pyramid inside the cone."""
+    return [(mu * math.cos(a), mu * math.sin(a), 1.0) for a in np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)]
 
 
 @pytest.mark.parametrize("polygon", [TRAPEZE, TRAPEZE[::-1], TRAPEZE[:3]])

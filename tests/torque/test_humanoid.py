@@ -51,7 +51,10 @@ def stack(robot: Robot, feet: tuple[str, ...], *, limited: bool = True) -> Stack
     x, y = HALF
     limits = [TorqueLimits()] if limited else []
     for foot in feet if limited else ():
-        limits += [FrictionCone(contact=foot, mu=MU), CenterOfPressure(contact=foot, rectangle=(-x, x, -y, y))]
+        limits += [
+            FrictionCone(contact=foot, mu=MU, torsion=math.inf),
+            CenterOfPressure(contact=foot, rectangle=(-x, x, -y, y)),
+        ]
     return Stack(
         Level(*(FixedContact(frame=f, law=PD(100.0, 20.0)) for f in free), Com(name="com", law=PD(50.0, 10.0))),
         Level(Position(frame=hand, name="hand", law=PD(80.0, 15.0)), Orientation(frame=base, name="base")),
