@@ -1,0 +1,55 @@
+"""Rates of joints from noisy measurements and the motion that the last command causes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.declare.robot import Robot
+from hqp.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from hqp.loop.tick import Tick
+
+
+class RateObserver:
+    """Rates of joints without their noise and without the lag of a low-pass filter, a Luenberger observer.
+
+    The rate that the last command leads to is corrected by a share of what is measured,
+
+        v = v+ + (1 - exp(-bandwidth period)) (v_measured - v+),    v+ = v + period qdd(tau),
+
+    so a command changes from tick to tick by that share of the noise times its gains.  The base's twist stays as
+    measured.
+
+    period [s].  bandwidth [1/s]: errors of v+, as after an impact, fade at this rate; above the gains of contacts, for
+    stability.  Raises DeclarationError for a bad period or bandwidth.
+    """
+
+    def __init__(self, robot: Robot, period: float, *, bandwidth: float = 100.0) -> None:
+        for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s")):
+            if not (math.isfinite(value) and value > 0.0):
+                raise DeclarationError("observer", f"bad {what}", value=value, unit=unit, allowed="positive")
+        self._share, self._joints = 1.0 - math.exp(-bandwidth * period), robot.actuated
+        self._last: Vec | None = None
+
+    def update(self, v: Vec, tick: Tick | None = None) -> Vec:
+        """The estimate ``(nv,)`` [rad/s, m/s] from measured rates; tick: the last one, None for the first.
+
+        Call it before the robot's next state.  A tick without a solution predicts no change; rates that are not finite
+        are returned as they are and forgotten.
+        """
+        found = np.array(v, dtype=np.float64)
+        if not np.isfinite(found).all():
+            return found
+        if tick is None:
+            self._last = None
+        elif tick.solution is not None:
+            self._last = np.asarray(tick.advance()[1])[self._joints]
+        if self._last is not None:
+            found[self._joints] = self._last + self._share * (found[self._joints] - self._last)
+        self._last = found[self._joints].copy()
+        return found
