@@ -61,4 +61,6 @@ def check(found: Description) -> None:
 
 
 def _off(found: Description, what: str, here: object, there: object) -> ModelError:
-    return ModelError(f"{found.source}: {what} is {here} in the model that was built and {there} in MuJoCo")
+    return ModelError(
+        f"{found.source or 'the MjModel'}: {what} is {here} in the model that was built and {there} in MuJoCo"
+    )

@@ -43,6 +43,10 @@ def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Pat
         path = Path(stem)
         spec = parsed(path)
     else:
+        if mjcf is None and source is None:
+            raise ModelError(
+                f"{stem}: a plant needs a file, and the robot comes from a model in memory; allowed: mjcf="
+            )
         raise ModelError(f"no MJCF {stem!r}: neither a file nor one of {', '.join(own)}")
     name_all(spec)
     return prepared(spec, timestep), path, {}

@@ -29,16 +29,17 @@ else:
 _HERE = Path(__file__).parent
 _OWN = ("cbi", "dreamer")
 _DATA = "example-robot-data"
+_SOURCES = "str, Path, pinocchio.Model, mujoco.MjModel"
 
 
 def load(
     source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool | float = False,
     srdf: str | Path | None = None, root: str | Sequence[str] | None = None,
 ) -> Robot:  # fmt: skip
-    """A robot from a catalogue name, a URDF or MJCF file, a robot_descriptions name or a pinocchio.Model.
+    """A robot from a catalogue name, a URDF or MJCF file, a robot_descriptions name, a pinocchio.Model or a MjModel.
 
-    floating: true for a free base.  None uses the catalogue for a name, the file or model for an MJCF or a
-    pinocchio.Model, and for any other URDF a fixed base, unless the file has a floating joint at its root.  rotors:
+    floating: true for a free base.  None uses the catalogue for a name, the file or model for an MJCF or a model, and
+    for any other URDF a fixed base, unless the file has a floating joint at its root.  rotors:
     give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an MJCF
     brings its own); a number [kg m^2] is that of every motor whose file gives none.  srdf: SRDF of a URDF path; None
     takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become ``robot.configurations``; pairs of links
@@ -52,16 +53,18 @@ def load(
     kind = file_kind.of(path) if path.is_file() and str(source) not in names() else ""
     if srdf is not None and kind != "urdf":
         raise DeclarationError("robot", "an SRDF needs a URDF", value=source, allowed="the path of a URDF")
-    if root is not None and kind != "mjcf":
-        raise DeclarationError("root", "chooses among the bodies of an MJCF", value=source, allowed="a path of an MJCF")
-    if isinstance(source, pin.Model):
-        robot = Robot(source, name=name)
+    compiled = type(source).__name__ == "MjModel"
+    if root is not None and kind != "mjcf" and not compiled:
+        allowed = "a path of an MJCF, a MjModel"
+        raise DeclarationError("root", "chooses among the bodies of an MJCF", value=source, allowed=allowed)
+    if isinstance(source, pin.Model) or compiled:
+        robot = _compiled(source, name, root) if compiled else Robot(source, name=name)
         if floating not in (None, robot.floating):
-            allowed = "None; pinocchio.JointModelFreeFlyer() as the root joint frees a model"
+            allowed = "None; a free joint at the root frees a model"
             raise DeclarationError(robot.name, "base differs from that of the model", value=floating, allowed=allowed)
         return robot
     if not isinstance(source, (str, Path)):
-        raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
+        raise DeclarationError("robot", "not a name, path or model", value=source, allowed=_SOURCES)
     if str(source) in _OWN:
         return _own(str(source), floating is not False, rotors is not False)
     robot = _from_file(path, floating, name, srdf, root) if kind else _named(str(source), floating, name)
@@ -175,6 +178,17 @@ def _from_file(
     robot = Robot(found.model, name=name or path.stem, description=found)
     for text in found.warnings:
         warnings.warn(f"{path.name}: {text}", ModelWarning, stacklevel=4)
+    return robot
+
+
+def _compiled(simulated: Any, name: str | None, root: str | Sequence[str] | None) -> Robot:
+    from . import agreement, from_mjcf
+
+    found = from_mjcf.describe(simulated, None, root)
+    agreement.check(found)
+    robot = Robot(found.model, name=name, description=found)
+    for text in found.warnings:
+        warnings.warn(f"{robot.name}: {text}", ModelWarning, stacklevel=4)
     return robot
 
 

@@ -18,7 +18,7 @@ LARGEST = 1e50
 """Lengths, masses and inertias beyond this are no numbers of a robot; the square of their product still is a number."""
 
 
-def require_room(path: Path, nv: int) -> None:
+def require_room(path: Path | str, nv: int) -> None:
     """Raise ModelError for a file with more coordinates than Pinocchio's data have room for."""
     if nv > MOST:
         size = 32 * nv**3 / 1e9  # four tensors
@@ -39,9 +39,10 @@ class Closure:
 class Description:
     """A model read from a file.
 
-    model: pinocchio.Model.  source: the file.  rooted: true if its root was freed or fixed on reading.  simulated: the
-    MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its placement there.  roots:
-    its bodies that carry the robot and hang on the world.  scene: its moving bodies that are not the robot, obstacles.
+    model: pinocchio.Model.  source: the file, None for a MjModel.  rooted: true if its root was freed or fixed on
+    reading.  simulated: the MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its
+    placement there.  roots: its bodies that carry the robot and hang on the world.  scene: its moving bodies that are
+    not the robot, obstacles.
     actuated: joints with a motor, None for all of one axis.  home ``(nq,)`` and named configurations.  couplings:
     (coefficients by joint, offset), sum c_j q_j = offset.  closures: of loops.  cones: by joint of three axes the
     largest turn from its zero [rad].  disabled_pairs: links that an SRDF disables.  notes: parts of the file that the
@@ -49,7 +50,7 @@ class Description:
     """
 
     model: Any
-    source: Path
+    source: Path | None
     simulated: Any = None
     rooted: bool | None = None
     carriers: list[tuple[int, Any]] = field(default_factory=list)

@@ -43,15 +43,18 @@ def compiled(path: Path, floating: bool | None = None, root: str | Sequence[str]
     if floating is not None and simulated.nv:
         set_root(spec, floating, root_bodies(simulated, mjcf_parts.robot_bodies(simulated, root, path)))
         simulated = _compile(spec, path)
-    _represented(simulated, path)
     return simulated
 
 
 def parsed(path: Path) -> Any:
     """The file as a MjSpec; raises ModelError."""
     try:
-        return mujoco.MjSpec.from_file(str(path.absolute()))
-    except (ValueError, MemoryError, mujoco.FatalError) as error:
+        if path.suffix == ".xml":
+            return mujoco.MjSpec.from_file(str(path.absolute()))
+        spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))  # MuJoCo's reader goes by the suffix
+        spec.modelfiledir = str(path.absolute().parent)
+        return spec
+    except (OSError, ValueError, MemoryError, mujoco.FatalError) as error:
         raise ModelError(f"{path} could not be read: {error}") from error
 
 
@@ -67,7 +70,7 @@ def root_bodies(simulated: Any, own: frozenset[int]) -> list[int]:
     return sorted({int(simulated.body_rootid[body]) for body in own})
 
 
-def _represented(simulated: Any, path: Path) -> None:
+def _represented(simulated: Any, path: Path | str) -> None:
     """Raise ModelError for parts that a tree of rigid bodies cannot represent, and for invalid names and numbers."""
     if simulated.nflex:
         raise ModelError(f"{path}: deformable bodies (flex) are not supported, rigid bodies only")
@@ -112,8 +115,6 @@ def read(path: Path, floating: bool | None = None, root: str | Sequence[str] | N
     root: see ``mjcf_parts.robot_bodies``.
     """
     simulated = compiled(path, floating, root)
-    if simulated.nv == 0:
-        raise ModelError(f"{path}: no joint (MuJoCo compiles it with nv = 0), needed at least one")
     found = describe(simulated, path, root)
     found.rooted = floating
     free = found.model.joints[1].shortname() == "JointModelFreeFlyer"
@@ -127,10 +128,14 @@ def read(path: Path, floating: bool | None = None, root: str | Sequence[str] | N
     return found
 
 
-def describe(simulated: Any, path: Path, root: str | Sequence[str] | None = None) -> Description:
-    """The robot of a compiled MjModel as a description."""
-    own = mjcf_parts.robot_bodies(simulated, root, path)
-    require_room(path, sum(int(simulated.body_dofnum[body]) for body in own))
+def describe(simulated: Any, path: Path | None, root: str | Sequence[str] | None = None) -> Description:
+    """The robot of a compiled MjModel, of a file or None, as a description; raises ModelError, DeclarationError."""
+    where = "the MjModel" if path is None else path
+    _represented(simulated, where)
+    if simulated.nv == 0:
+        raise ModelError(f"{where}: no joint (MuJoCo compiles it with nv = 0), needed at least one")
+    own = mjcf_parts.robot_bodies(simulated, root, where)
+    require_room(where, sum(int(simulated.body_dofnum[body]) for body in own))
     tree = _Tree(simulated, own)
     found = Description(model=tree.model, source=path, simulated=simulated, carriers=tree.carriers)
     found.roots = tuple(root_bodies(simulated, own))

@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from hqp.errors import ModelError
 
+from . import xml_lines
 from .description import Description
-from .from_urdf import parsed
 
 
 def read(path: Path, found: Description) -> None:
@@ -22,7 +22,7 @@ def read(path: Path, found: Description) -> None:
     """
     if not path.is_file():
         raise ModelError(f"no such file: {path}")
-    root = parsed(path)
+    root = xml_lines.read(path)
     states = root.findall("group_state")
     for name, count in Counter(state.get("name") for state in states).items():
         if count > 1:

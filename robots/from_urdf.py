@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pinocchio as pin
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, ModelError
 
+from . import urdf_structure, xml_lines
 from .description import LARGEST, Description, require_room
 
 _KINDS = ("revolute", "prismatic", "continuous", "fixed", "floating", "planar")
@@ -21,25 +21,8 @@ _COORDINATES = {"fixed": 0, "planar": 3, "floating": 6}  # joints without exactl
 _TRIPLES = ("xyz", "rpy")
 MOST_LINKS = 5000
 """Pinocchio's reader goes down a chain of links by calls of itself; 20 000 end the process."""
-_PREFIX = re.compile(rb"(</?|\s)([A-Za-z_][\w.-]*):([A-Za-z_][\w.-]*)(?=[\s=/>])")
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
-_MACRO = re.compile(rb"<xacro:[\w.-]+")
 _AXIAL = ("revolute", "prismatic", "continuous", "planar")
 _SLACK = 1e-6  # tolerance of the triangle inequality, relative to the largest moment: decimals in files
-
-
-def parsed(path: Path) -> ET.Element:
-    """The file's root element; prefixes that it does not declare become part of the names.  Raises ModelError."""
-    try:
-        text = path.read_bytes()
-        try:
-            return ET.fromstring(text)
-        except ET.ParseError as error:
-            if "unbound prefix" not in str(error):
-                raise
-        return ET.fromstring(_PREFIX.sub(rb"\1\2_\3", text))
-    except (ET.ParseError, ValueError, LookupError, OSError) as error:  # bytes that are no text, encodings unknown
-        raise ModelError(f"{path} could not be read: {error}") from error
 
 
 def read(path: Path, floating: bool | None) -> Description:
@@ -53,21 +36,22 @@ def read(path: Path, floating: bool | None) -> Description:
     negative moments of inertia, those against the triangle inequality, joints that move no mass, limits that are zero
     or missing, equal lower and upper limits, mimic joints that follow an unknown one.
     """
-    root = parsed(path)
-    _refuse_macros(path)
+    root = xml_lines.read(path)
+    links = len(root.findall("link"))
+    if links > MOST_LINKS:
+        raise ModelError(f"{path}: {links} links, allowed {MOST_LINKS}: the reader is recursive")
+    urdf_structure.refuse_macros(path, root)
     freed = _free_root(root)
     if freed and floating is False:
         raise DeclarationError(
             "floating", f"joint {freed!r} of {path} already frees the root", value=False, allowed="None, True"
         )
     floating = floating is True and not freed
-    links = len(root.findall("link"))
-    if links > MOST_LINKS:
-        raise ModelError(f"{path}: {links} links, allowed {MOST_LINKS}: the reader is recursive")
-    warnings: list[str] = []
+    warnings = urdf_structure.incomplete_inertias(path, root)
     negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
     _check_joints(path, root, warnings)
     require_room(path, sum(_COORDINATES.get(str(joint.get("type")), 1) for joint in root.findall("joint")))
+    urdf_structure.check(path, root)
     try:
         model = pin.buildModelFromUrdf(str(path), *((pin.JointModelFreeFlyer(),) if floating else ()))
     except (ValueError, RuntimeError) as error:
@@ -84,14 +68,6 @@ def read(path: Path, floating: bool | None) -> Description:
     found = Description(model=model, source=path, warnings=warnings)
     _read_mimics(path, root, found)
     return found
-
-
-def _refuse_macros(path: Path) -> None:
-    """Raise ModelError, with line and element, for macros that xacro has not expanded."""
-    text = _COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), path.read_bytes())
-    if (left := _MACRO.search(text)) is not None:
-        line, found = text[: left.start()].count(b"\n") + 1, left[0].decode(errors="replace")
-        raise ModelError(f"{path}, line {line}: {found}: a macro of xacro is left in; run xacro on the source file")
 
 
 def _free_root(root: ET.Element) -> str:
@@ -123,18 +99,18 @@ def _indefinite(M: Mat) -> bool:
 def _numbers(
     path: Path, what: str, element: ET.Element | None, default: str, *names: str, most: float = LARGEST
 ) -> list[float]:
-    values = []
+    values, at = [], xml_lines.place(path, element)
     for name in names:
         text = default if element is None else element.get(name, default)
         try:
             parts = [float(word) for word in text.split()]
         except ValueError:
-            raise ModelError(f"{path}: {what}: {name}={text!r} is not a number") from None
+            raise ModelError(f"{at}: {what}: {name}={text!r} is not a number") from None
         count = 3 if name in _TRIPLES else 1
         if len(parts) != count:
-            raise ModelError(f"{path}: {what}: {name}={text!r} has {len(parts)} numbers, allowed {count}")
+            raise ModelError(f"{at}: {what}: {name}={text!r} has {len(parts)} numbers, allowed {count}")
         if not all(abs(part) <= most for part in parts) or not all(map(math.isfinite, parts)):
-            raise ModelError(f"{path}: {what}: {name}={text!r} is not finite or too large")
+            raise ModelError(f"{at}: {what}: {name}={text!r} is not finite or too large")
         values += parts
     return values
 
@@ -150,7 +126,7 @@ def _check_link(path: Path, link: ET.Element, warnings: list[str]) -> str:
         path, what, inertial.find("inertia"), "0", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"
     )
     if mass < 0.0:
-        raise ModelError(f"{path}: {what} has a negative mass ({mass:g} kg)")
+        raise ModelError(f"{xml_lines.place(path, link)}: {what} has a negative mass ({mass:g} kg)")
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     size = max(float(np.abs(moments).max()), 1e-9)
     if moments[0] < -_SLACK * size:
@@ -166,27 +142,31 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
     silent: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
         name, kind = str(joint.get("name")), joint.get("type")
-        what, limit = f"joint {name!r}", joint.find("limit")
+        what, limit, at = f"joint {name!r}", joint.find("limit"), xml_lines.place(path, joint)
         if kind not in _KINDS:
-            raise ModelError(f"{path}: {what} is of type {kind!r}; allowed: {', '.join(_KINDS)}")
+            raise ModelError(f"{at}: {what} is of type {kind!r}; allowed: {', '.join(_KINDS)}")
         _numbers(path, what, joint.find("origin"), "0 0 0", "xyz", "rpy")
         axis = _numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
         if kind in _AXIAL and (len(axis) != 3 or not any(axis)):
-            raise ModelError(f"{path}: {what}: axis {axis} is a zero vector")
+            raise ModelError(f"{at}: {what}: axis {axis} is a zero vector")
         lower, upper, speed, effort = _numbers(
             path, what, limit, "0", "lower", "upper", "velocity", "effort", most=math.inf
         )
         if kind not in ("revolute", "prismatic", "continuous"):
             continue
         if speed < 0.0 or effort < 0.0:
-            raise ModelError(f"{path}: {what} has a negative limit (velocity {speed:g}, effort {effort:g})")
+            raise ModelError(
+                f"{xml_lines.place(path, limit)}: {what} has a negative limit (velocity {speed:g}, effort {effort:g})"
+            )
         for word, value in (("velocity", speed), ("effort", effort)):
             if value == 0.0:
                 silent.setdefault(word, []).append(name)
         if kind == "continuous":
             continue
         if lower > upper:
-            raise ModelError(f"{path}: {what}: lower limit {lower:g} > upper limit {upper:g}: swapped?")
+            raise ModelError(
+                f"{xml_lines.place(path, limit)}: {what}: lower limit {lower:g} > upper limit {upper:g}: swapped?"
+            )
         if lower == upper == 0.0:
             silent.setdefault("position", []).append(name)
         elif lower == upper:

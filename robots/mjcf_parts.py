@@ -19,7 +19,7 @@ _TENDON, _JOINT = int(mujoco.mjtEq.mjEQ_TENDON), int(mujoco.mjtEq.mjEQ_JOINT)
 _SITE, _BODY = int(mujoco.mjtObj.mjOBJ_SITE), int(mujoco.mjtObj.mjOBJ_BODY)
 
 
-def robot_bodies(simulated: Any, root: str | Sequence[str] | None, path: Path) -> frozenset[int]:
+def robot_bodies(simulated: Any, root: str | Sequence[str] | None, path: Path | str) -> frozenset[int]:
     """Bodies of the trees that are the robot, by index in a MjModel; bodies that cannot move belong to no tree.
 
     The trees that actuators move, directly or by tendons, and those that active equalities tie to them.  Without
@@ -85,7 +85,7 @@ def _tendon_bodies(simulated: Any, tendon: int) -> list[int]:
     return found
 
 
-def _named(simulated: Any, roots: Sequence[str], path: Path) -> set[int]:
+def _named(simulated: Any, roots: Sequence[str], path: Path | str) -> set[int]:
     names, tree, chosen = body_names(simulated), simulated.body_treeid, set()
     for name in roots:
         at = names.index(name) if name in names else -1
@@ -94,7 +94,9 @@ def _named(simulated: Any, roots: Sequence[str], path: Path) -> set[int]:
             moving = [
                 names[b] for b in range(1, simulated.nbody) if tree[b] >= 0 and tree[simulated.body_parentid[b]] < 0
             ]
-            raise DeclarationError("root", f"no body of {path.name} that moves", value=name, allowed=", ".join(moving))
+            raise DeclarationError(
+                "root", f"no body of {Path(path).name} that moves", value=name, allowed=", ".join(moving)
+            )
         chosen |= below
     return chosen
 

@@ -15,7 +15,7 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.errors import ConfigurationNotFound, DeclarationError, FrameNotFound, ModelError
 from hqp.shapes import LinkCapsule
 
-from . import coupled, expanded, kinematic_tree
+from . import coupled, expanded, frame_names, kinematic_tree
 from .checks import measure, unit_parts
 from .joints import Joints, actuation, matrix
 from .obstacles import Obstacles
@@ -91,12 +91,14 @@ class Robot:
         self.actuated: Index = np.array([self._column(n) for n in self.joint_names], dtype=np.intp)
         self.lower, self.upper, self.velocity_limit, self.effort_limit = joints.limits(model)
         self.frame_names: tuple[str, ...] = tuple(f.name for f in model.frames)
-        joint_kinds = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)  # of one name, the link or site is the frame
-        ranked = sorted(range(len(model.frames)), key=lambda i: (model.frames[i].type not in joint_kinds, -i))
-        self._frames = {self.frame_names[i]: i for i in ranked}
+        self._frames = frame_names.frames(model)
         self.notes: tuple[str, ...] = (*description.warnings, *description.notes) if description else ()
         if description is not None:
             self.notes += tuple(coupled.lost_ranges(description.couplings, joints, self.lower, self.upper))
+        if shared := frame_names.clashes(model, self._frames):
+            self.notes += (
+                f"joints and links elsewhere with one name, which as a frame is the link: {', '.join(shared)}",
+            )
         self.cones: dict[str, float] = dict(description.cones) if description else {}
         self.disabled_pairs = description.disabled_pairs if description else frozenset()
         self.configurations: dict[str, Vec] = dict(description.configurations) if description else {}

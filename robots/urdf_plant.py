@@ -12,7 +12,7 @@ import pinocchio as pin
 from hqp.arrays import Mat
 from hqp.errors import ModelError, ModelWarning
 
-from . import from_urdf
+from . import xml_lines
 from .mujoco_extra import mujoco
 from .physical import make_physical
 from .soles import sole_points
@@ -30,7 +30,7 @@ def read(robot: Any) -> Any:
     Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.  If MuJoCo refuses
     inertias, those that no rigid body has are changed, see ``make_physical``; warns (ModelWarning) of the links.
     """
-    root = from_urdf.parsed(robot.source)
+    root = xml_lines.read(robot.source)
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
             for shape in link.findall(kind):
