@@ -123,7 +123,7 @@ CORPUS := build/corpus
 corpus: setup
 	mkdir -p $(CORPUS)
 	$(BIN)/python -m pip download --quiet --no-deps --dest $(CORPUS) dm_control gymnasium-robotics \
-	    hello-robot-stretch-urdf gym-aloha robosuite-models robosuite
+	    hello-robot-stretch-urdf gym-aloha robosuite-models robosuite rtb-data
 	for wheel in $(CORPUS)/*.whl; do $(BIN)/python -m zipfile -e $$wheel $(CORPUS); done
 	HQP_CORPUS=$(CORPUS) $(BIN)/python -m pytest -s -m corpus tests/robots tests/examples
 

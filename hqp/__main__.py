@@ -81,7 +81,13 @@ def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     )
     doctor.add_argument("--contributor", action="store_true", help="include packages for work on hqp itself")
     commands.add_parser("solvers", help="list the solvers: available, or how to install them")
-    commands.add_parser("robots", help="list the robots that load by name")
+    listed = commands.add_parser(
+        "robots",
+        help="list the robots that load by name, or report on one",
+        description="Without a robot, list the names that load. With one, print what its file gave: what was read, "
+        "assumed and left out (docs/file-elements.md).",
+    )
+    add_robot(listed, "robot", nargs="?")
     capsules = commands.add_parser(
         "capsules",
         help="fit capsules around the links of a robot and write them as TOML",
@@ -134,9 +140,18 @@ def _solvers(arguments: argparse.Namespace) -> int:
 
 
 def _robots(arguments: argparse.Namespace) -> int:
-    from hqp import robots
+    import warnings
 
-    print("\n".join(robots.names()))
+    from hqp import robots
+    from hqp.errors import ModelWarning
+    from hqp.robots.report import report
+
+    if arguments.robot is None:
+        print("\n".join(robots.names()))
+        return 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # the report has them
+        print(report(read_robot(arguments)))
     return 0
 
 

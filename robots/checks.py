@@ -93,3 +93,16 @@ def normalise(robot: Any, q: Vec) -> str:
             return f"{name}: {what} of length {length:.4g}, allowed 1 +- {UNIT_TOLERANCE:g}"
         part /= length
     return ""
+
+
+def losses(model: Any) -> tuple[str, ...]:
+    """Notes on damping and dry friction of the file, which the model's forces lack."""
+    found = []
+    for what, values in (("damping", model.damping), ("dry friction", getattr(model, "friction", ()))):
+        columns = set(np.flatnonzero(np.asarray(values)).tolist())
+        joints = zip(model.names[1:], list(model.joints)[1:], strict=True)
+        names = [n for n, j in joints if columns.intersection(range(j.idx_v, j.idx_v + j.nv))]
+        if names:
+            more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+            found.append(f"{what} of the file is ignored in the model's forces: {', '.join(names[:4])}{more}")
+    return tuple(found)

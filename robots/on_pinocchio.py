@@ -16,7 +16,7 @@ from hqp.errors import ConfigurationNotFound, DeclarationError, FrameNotFound, M
 from hqp.shapes import LinkCapsule
 
 from . import coupled, expanded, frame_names, kinematic_tree
-from .checks import measure, unit_parts
+from .checks import losses, measure, unit_parts
 from .joints import Joints, actuation, matrix
 from .obstacles import Obstacles
 from .placement import se3
@@ -95,6 +95,7 @@ class Robot:
         self.notes: tuple[str, ...] = (*description.warnings, *description.notes) if description else ()
         if description is not None:
             self.notes += tuple(coupled.lost_ranges(description.couplings, joints, self.lower, self.upper))
+        self.notes += losses(model)
         if shared := frame_names.clashes(model, self._frames):
             self.notes += (
                 f"joints and links elsewhere with one name, which as a frame is the link: {', '.join(shared)}",

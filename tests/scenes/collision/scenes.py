@@ -17,6 +17,7 @@ from tests.scenes.calm.loop import Run, figures
 from tests.scenes.calm.robots import Subject, subject
 from tests.scenes.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
 from tests.scenes.calm.variants import PRICED
+from tests.scenes.collision.original import Original
 
 TORSO = {"talos": "torso_2_link", "g1": "torso_link", "cbi": "chest", "panda": "panda_link1"}
 """Links that the hand is sent into."""
@@ -41,11 +42,15 @@ class Blocked:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A run, and by tick the smallest distance less clearance of any pair, and of what the hand touches [m]."""
+    """A run, and by tick the smallest distance less clearance of any pair, and of what the hand touches [m].
+
+    surface: the same of the file's own shapes by coal, the least of the ticks looked at [m].
+    """
 
     run: Run
     margin: Vec
     names: tuple[str, ...]
+    surface: float = math.inf
 
     def figures(self) -> dict[str, float | str]:
         """Those of a calm loop, with the least margin [m] and the fastest way out of a collision [m/s]."""
@@ -55,6 +60,7 @@ class Outcome:
             **figures(self.run),
             "margin": float(self.margin.min()),
             "margin_end": float(self.margin[-1]),
+            "surface": self.surface,
             "way_out": float(np.max(out, initial=0.0)),
             "nearest": self.names[int(self.margin.argmin())],
         }
@@ -104,20 +110,28 @@ def _blocked(
     return Blocked(Scene(name, who, formulation, stack, at, above=above), avoid)
 
 
-def run(blocked: Blocked, ticks: int = round((WALK + STAY) / DT), every: int = 1) -> Outcome:
-    """Carry the commands out exactly for ``ticks`` periods; distances are looked at in each ``every``-th."""
+def run(
+    blocked: Blocked, ticks: int = round((WALK + STAY) / DT), every: int = 1, coal_every: int | None = None
+) -> Outcome:
+    """Carry the commands out exactly for ``ticks`` periods; distances are looked at in each ``every``-th.
+
+    coal_every: and those of the file's own shapes, by coal, in each ``coal_every``-th, which must be a multiple.
+    """
     scene, avoid = blocked.scene, blocked.avoid
     robot = scene.subject.robot
     twin = robot.copy()  # whose slots are its own
     session = PRICED.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
     data, margin, names = Run.empty(scene, ticks), np.full(ticks, math.inf), [""] * ticks
     q, v = robot.home.copy(), np.zeros(robot.nv)
+    original, surface = None if coal_every is None else Original(avoid, twin), math.inf
     start = robot.state(q)
     feet = {foot: start.position(foot) for foot in scene.subject.feet}
     com, joints = start.com()[:2], robot.actuated
     for i in range(ticks):
         if i % every == 0:
             near = [n for n in avoid.near(twin.state(q)) if n is not None]
+            if original is not None and i % coal_every == 0:  # type: ignore[operator]
+                surface = min(surface, original.margin(near))
             least = min(near, key=lambda n: n.distance - n.clearance, default=None)
             name = "" if least is None else _name(avoid, twin, least.pair)
             reach = math.inf if least is None else least.distance - least.clearance
@@ -137,7 +151,7 @@ def run(blocked: Blocked, ticks: int = round((WALK + STAY) / DT), every: int = 1
         q, next_v = tick.advance()
         data.accelerations[i] = (next_v - v)[joints] / DT
         v = next_v
-    return Outcome(data, margin, tuple(names))
+    return Outcome(data, margin, tuple(names), surface)
 
 
 def _name(avoid: CollisionAvoidance, robot: object, pair: int) -> str:
