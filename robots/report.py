@@ -60,7 +60,8 @@ def read(robot: Any) -> list[str]:
 
 def joint_rows(robot: Any) -> list[tuple[str, ...]]:
     """Name, type, limits, rotor inertia and motor of each joint."""
-    model, rows = robot.model, []
+    model = robot.model
+    rows: list[tuple[str, ...]] = []
     coupled = {name for coupling in robot.couplings for name, _ in tuple(getattr(coupling, "coefficients", ()))}
     for i in range(2 if robot.floating else 1, model.njoints):
         name, joint = model.names[i], model.joints[i]

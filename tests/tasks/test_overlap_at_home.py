@@ -1,0 +1,47 @@
+"""Pairs whose capsules overlap at home are named in a warning: nothing keeps them apart."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp
+from hqp import Level, P, Stack
+from hqp.errors import ModelWarning
+from hqp.shapes import LinkCapsule
+from hqp.tasks import CollisionAvoidance, Posture
+
+
+def rails(rng: Any) -> tuple[Any, list[tuple[str, str]]]:
+    """Balls on slides of one base, at drawn places; the pairs of which some overlap at home."""
+    model, capsules, places = pin.Model(), [], rng.uniform(-0.15, 0.15, (5, 3))
+    for k, place in enumerate(places):
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3(np.eye(3), place), f"slide{k}")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"ball{k}", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+        capsules.append(LinkCapsule(f"ball{k}", joint, (0.0,) * 3, (0.0,) * 3, 0.06))
+    gaps = {(i, j): float(np.linalg.norm(places[i] - places[j])) - 0.12 for i in range(5) for j in range(i)}
+    apart = [(f"ball{j}", f"ball{i}") for (i, j), gap in gaps.items() if gap <= 0.0]
+    return hqp.robots.Robot(model, name="rails").with_capsules(capsules), apart
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pairs_that_overlap_at_home_are_named(seed: int) -> None:
+    robot, overlapping = rails(np.random.default_rng(seed))
+    names = [f"ball{k}" for k in range(5)]
+    avoid = CollisionAvoidance(pairs=tuple((a, b) for i, a in enumerate(names) for b in names[i + 1 :]))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        hqp.Controller(Stack(Level(Posture(law=P(1.0))), subject_to=[avoid])).session(robot, 0.01)
+    texts = [
+        str(w.message) for w in told if issubclass(w.category, ModelWarning) and "overlap at home" in str(w.message)
+    ]
+    assert bool(texts) == bool(overlapping)
+    for one, two in overlapping:
+        assert all(f"{one} - {two}" in text or f"{two} - {one}" in text for text in texts)
+    if texts:
+        assert texts[0].count(" - ") == len(overlapping)
