@@ -165,12 +165,22 @@ class Accountant:
         v: velocity of the state, to separate too fast from held back; without it nothing is too fast. None if the
         kernel has no multipliers: no kernel, or an answer that was found in another way.
         """
+        values = self.values(w, x)
+        if values is None:
+            return None
+        return self.of(count, values, self._fast(w, v) if v is not None and np.count_nonzero(self._rate) else NONE)
+
+    def values(self, w: Vec, x: Vec) -> Vec | None:
+        """The numbers of an account."""
         told = self._tell()
         if self._native is None or told is None:
             return None
         values = np.empty(self._size)
         self._native.account(w, x, told, values)
-        fast = self._fast(w, v) if v is not None and np.count_nonzero(self._rate) else NONE
+        return values
+
+    def of(self, count: int, values: Vec, fast: frozenset[str] = NONE) -> TickAccount:
+        """The account of these numbers."""
         return TickAccount(count, self.layout, values, fast)
 
     def _fast(self, w: Vec, v: Vec) -> frozenset[str]:

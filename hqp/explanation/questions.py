@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Container
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hqp.arrays import Vec
 from hqp.declare.element import Inequality, has
+from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
 from hqp.errors import HqpError
@@ -31,6 +32,22 @@ UNITS = {
 
 DULL = ("joint_limits", "torque_limits")
 """Elements whose rows need only the joint's name."""
+
+
+class HeldBackNotes:
+    """Notes on elements that are short of their request, made when they are read.
+
+    values: of the account.  w: slacks of all rows.  references: of the tick, or names of its targets.
+    """
+
+    __slots__ = ("_references", "_teller", "_values", "_w")
+
+    def __init__(self, teller: Teller, values: Vec, w: Vec, references: tuple[Reference | str, ...]) -> None:
+        self._teller, self._values, self._w, self._references = teller, values, w, references
+
+    def __call__(self) -> tuple[Note, ...]:
+        names = {each if isinstance(each, str) else each.name for each in self._references}
+        return self._teller.held_back_notes(self._values, self._w, names)
 
 
 class Answered(Protocol):
@@ -63,23 +80,20 @@ class Teller:
             self._accountant = Accountant(*self._made_of)
         return self._accountant
 
-    def held_back(self, count: int, w: Vec, x: Vec, names: Iterable[str]) -> Callable[[], tuple[Note, ...]] | None:
+    def held_back(self, w: Vec, x: Vec) -> Vec | None:
+        """Take the numbers of the account now; ``HeldBackNotes`` makes the texts. None without multipliers."""
+        return self._accounts.values(w, x)
+
+    def held_back_notes(self, values: Vec, w: Vec, names: Container[str]) -> tuple[Note, ...]:
         """Make the notes on elements that are short of their request: named elements, and those held mainly by their
-        price.  Numbers are taken now, texts are written when they are read."""
+        price."""
         accounts = self._accounts
-        account = accounts.account(count, w, x)
-        if account is None:
-            return None
-        named = frozenset(names)
-
-        def notes() -> tuple[Note, ...]:
-            return tuple(
-                Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element), account.cause(held.element)))
-                for held in accounts.held_back(account, w)
-                if held.share > MOST or held.element in named
-            )
-
-        return notes
+        account = accounts.of(0, values)
+        return tuple(
+            Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element), account.cause(held.element)))
+            for held in accounts.held_back(account, w)
+            if held.share > MOST or held.element in names
+        )
 
     def explain(self, count: int, tick: Answered) -> Explanation:
         """Explain the residual and the losses of each element."""

@@ -17,7 +17,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError, ModelError
 from hqp.explanation.notes import STATUSES, Note, of_native
-from hqp.explanation.questions import Teller
+from hqp.explanation.questions import HeldBackNotes, Teller
 from hqp.loop.callbacks import Callbacks
 from hqp.loop.compiled import Compiled
 from hqp.loop.document import assumed
@@ -293,12 +293,10 @@ class Line:
                 tick.add(self.guards.first)
                 self.guards.first = ()
             if record[-1] > 1:
-                layout = self.layout
-                found = self.teller.held_back(
-                    self.guards.count, layout.slacks(record), layout.answer(record), self.names
-                )
-                if found is not None:
-                    tick.add(found)
+                w, named = self.layout.slacks(record), self.named
+                values = self.teller.held_back(w, self.layout.answer(record))
+                if values is not None:
+                    tick.add(HeldBackNotes(self.teller, values, w.copy(), tuple(named)))
             if limits:
                 tick.add(limits)
         elif self.guards.ages and status is Status.INVALID_STATE and state is not None and state.time is None:
