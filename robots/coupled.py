@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 from hqp.arrays import Vec
@@ -25,6 +25,18 @@ def followed(couplings: Sequence[Terms], q: Vec, joints: Joints, angles: Callabl
             angle = (offset - sum(c * float(at[joints.find(leader)[0]]) for leader, c in leaders)) / factor
             q = joints.turned(q, joints.find(follower)[0], angle)
     return q
+
+
+def leaders(couplings: Sequence[Terms], terms: Mapping[str, float]) -> dict[str, float]:
+    """A linear function of joints, by coefficients, as one of joints that follow no others."""
+    found = dict(terms)
+    for _ in couplings:
+        for following, _offset in couplings:
+            (follower, own), *others = following.items()
+            share = found.pop(follower, 0.0)
+            for leader, c in others:
+                found[leader] = found.get(leader, 0.0) - share * c / own
+    return {joint: c for joint, c in found.items() if c}
 
 
 def lost_ranges(couplings: Sequence[Terms], joints: Joints, lower: Vec, upper: Vec) -> list[str]:

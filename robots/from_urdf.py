@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import Mat
+from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ModelError
 
 from . import urdf_structure, xml_lines
@@ -66,6 +66,8 @@ def read(path: Path, floating: bool | None) -> Description:
         told = ", ".join(idle[:3]) + (f" and {len(idle) - 3} more" if len(idle) > 3 else "")
         warnings.append(f"no mass moves with {told}: torque level needs one")
     found = Description(model=model, source=path, warnings=warnings)
+    _read_planes(path, root, found)
+    _read_friction(path, root, found)
     _read_mimics(path, root, found)
     return found
 
@@ -173,6 +175,58 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
             warnings.append(f"{what}: its lower and upper limits are both {lower:g}, so it cannot move")
     for word, joints in silent.items():
         warnings.append(f"{word} limit zero or missing, joint not limited: {', '.join(joints)}")
+
+
+def _read_planes(path: Path, root: ET.Element, found: Description) -> None:
+    """Normal and speed limit of planar joints, which Pinocchio's reader leaves out; a note on other limits."""
+    model = found.model
+    for joint in root.findall("joint"):
+        name, kind, limit = str(joint.get("name")), joint.get("type"), joint.find("limit")
+        if kind not in ("planar", "floating") or not model.existJointName(name):
+            continue
+        index, what = model.getJointId(name), f"joint {name!r}"
+        bounds = _numbers(path, what, limit, "0", "lower", "upper", most=math.inf)
+        speed, effort = _numbers(path, what, limit, "0", "velocity", "effort", most=math.inf)
+        if kind == "planar":
+            _turn(model, index, np.array(_numbers(path, what, joint.find("axis"), "1 0 0", "xyz")))
+            columns = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
+            for limits, value in ((model.velocityLimit, speed), (model.effortLimit, effort)):
+                if value > 0.0:
+                    limits[columns] = value
+        if any(bounds) or (kind == "floating" and (speed or effort)):
+            ignored = "lower, upper" if kind == "planar" else "its limits"
+            found.notes.append(f"{what} is {kind}: {ignored} of the file are ignored, they name no coordinate")
+
+
+def _turn(model: Any, index: int, normal: Vec) -> None:
+    """Move a planar joint across ``normal`` instead of z of its frame; all that it carries stays where it is at zero.
+
+    Its x and y are those of the shortest turn from z to the normal, as in MuJoCo's reader.
+    """
+    turn = pin.SE3(pin.Quaternion.FromTwoVectors(np.array((0.0, 0.0, 1.0)), normal).matrix(), np.zeros(3))
+    back = turn.inverse()
+    model.jointPlacements[index] = model.jointPlacements[index] * turn
+    model.inertias[index] = back.act(model.inertias[index])
+    for child in range(index + 1, model.njoints):
+        if model.parents[child] == index:
+            model.jointPlacements[child] = back * model.jointPlacements[child]
+    for frame in model.frames:
+        if frame.parentJoint == index:
+            frame.placement = back * frame.placement
+
+
+def _read_friction(path: Path, root: ET.Element, found: Description) -> None:
+    """A note on damping and friction of joints, which the model's forces lack."""
+    for what in ("damping", "friction"):
+        rubbed = [
+            repr(str(joint.get("name")))
+            for joint in root.findall("joint")
+            if joint.get("type") != "fixed"
+            and _numbers(path, f"joint {joint.get('name')!r}", joint.find("dynamics"), "0", what)[0]
+        ]
+        if rubbed:
+            more = f" and {len(rubbed) - 4} more" if len(rubbed) > 4 else ""
+            found.notes.append(f"{what} of the file is ignored in the model's forces: {', '.join(rubbed[:4])}{more}")
 
 
 def _read_mimics(path: Path, root: ET.Element, found: Description) -> None:

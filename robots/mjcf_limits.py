@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from . import mjcf_equalities
+from hqp.arrays import Vec
+
+from . import coupled, mjcf_equalities
 from .description import Description
 from .mjcf_names import body_names, joint_names
 from .mjcf_parts import own_joints
@@ -15,14 +18,15 @@ from .mujoco_extra import mujoco
 from .state_map import StateMap
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+_DIRECT = [int(k) for k in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
 _HOMES = ("home", "stand", "standing")
 
 
 def read(simulated: Any, found: Description, own: frozenset[int]) -> None:
     """Fill in all of a description but its model, from a compiled MjModel; own: the bodies of the robot."""
     _read_joints(simulated, found, own)
-    _read_motors(simulated, found, own)
     mjcf_equalities.read(simulated, found, own)
+    _read_motors(simulated, found, own)
     _read_notes(simulated, found, own)
 
 
@@ -62,25 +66,58 @@ def _read_joints(simulated: Any, found: Description, own: frozenset[int]) -> Non
 
 def driven(simulated: Any) -> list[int]:
     """Joints that an actuator drives directly, in the order of the model's joints."""
-    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    on_joint = np.isin(simulated.actuator_trntype, [int(k) for k in kinds])
+    on_joint = np.isin(simulated.actuator_trntype, _DIRECT)
     return sorted({int(j) for j in simulated.actuator_trnid[on_joint, 0]})
 
 
 def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> None:
-    """Actuated joints: joints of joint actuators, all of one axis if the file has no such actuator."""
+    """Actuated joints: those of joint actuators and the leaders of fixed tendons, all of one axis without either."""
     names = joint_names(simulated)
     moved = [j for j in driven(simulated) if int(simulated.jnt_bodyid[j]) in own]
     single = {j for j in range(simulated.njnt) if int(simulated.jnt_type[j]) in (_SLIDE, _HINGE)}
     motors = [names[j] for j in moved if j in single]
-    found.actuated = tuple(motors) if motors else None
     if balls := [names[j] for j in moved if j not in single]:
         found.notes.append(f"motors on joints with several axes are ignored: {', '.join(balls)}")
-    others = simulated.nu - int(np.isin(simulated.actuator_trnid[:, 0], moved).sum()) if motors else 0
-    if others > 0:
-        found.notes.append(
-            f"{others} actuators of the file are ignored: they drive no joint directly (tendons, sites, bodies)"
+    used = sum(int(a) in moved for a in simulated.actuator_trnid[:, 0][np.isin(simulated.actuator_trntype, _DIRECT)])
+    for a in np.flatnonzero(simulated.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)).tolist():
+        leader = _tendon_motor(simulated, found, own, a, motors)
+        motors += [leader] if leader else []
+        used += bool(leader)
+    found.actuated = tuple(motors) if motors else None
+    if motors and simulated.nu > used:
+        found.notes.append(f"{simulated.nu - used} actuators of the file are ignored: they drive no joint of the robot")
+
+
+def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actuator: int, motors: Sequence[str]) -> str:
+    """The joint on which the motor of a fixed tendon acts, with its effort limit; "" if no single joint leads it.
+
+    The tendon's force f is the force g f of the joint q that leads all joints of it, with length = g q + constant.
+    """
+    tendon, names = int(simulated.actuator_trnid[actuator, 0]), joint_names(simulated)
+    title = simulated.actuator(actuator).name or simulated.tendon(tendon).name or str(actuator)
+    known = mjcf_equalities.lengths(simulated)
+    if tendon not in known:
+        found.notes.append(f"motor {title} pulls a tendon along sites or geometries: ignored")
+        return ""
+    terms = {names[j]: c for j, c in known[tendon][0].items() if int(simulated.jnt_bodyid[j]) in own}
+    leading = coupled.leaders(found.couplings, terms)
+    if len(leading) != 1 or next(iter(leading)) in motors:
+        found.warnings.append(
+            f"motor {title} moves the joints {', '.join(terms)} by a fixed tendon and is ignored: it needs one joint "
+            f"without a motor that leads them, found {', '.join(leading) or 'none'}; "
+            "add an equality of these joints to the file"
         )
+        return ""
+    ((leader, ratio),) = leading.items()
+    ends = [sorted(abs(ratio * x) for x in r) for r in _ranges(simulated, actuator) if np.any(r)]
+    joint = found.model.joints[found.model.getJointId(leader)]
+    limit = min((low or high for low, high in ends), default=math.inf)
+    found.model.effortLimit[joint.idx_v] = min(float(found.model.effortLimit[joint.idx_v]), limit)
+    found.notes.append(
+        f"motor {title} acts by a fixed tendon on {', '.join(terms)}: its joint is {leader}, with {ratio:g} times the "
+        "force of the tendon"
+    )
+    return leader
 
 
 def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
@@ -90,25 +127,35 @@ def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
     """
     ranges = [simulated.jnt_actfrcrange[joint]] if simulated.jnt_actfrclimited[joint] else []
     for a in np.flatnonzero(simulated.actuator_trnid[:, 0] == joint):
-        if simulated.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
-            continue
-        gear = float(simulated.actuator_gear[a, 0])
-        if simulated.actuator_forcelimited[a]:
-            ranges.append(gear * simulated.actuator_forcerange[a])
-        plain = simulated.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        plain &= simulated.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
-        plain &= simulated.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
-        if plain and simulated.actuator_ctrllimited[a]:
-            ranges.append(gear * float(simulated.actuator_gainprm[a, 0]) * simulated.actuator_ctrlrange[a])
+        if simulated.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
+            ranges += _ranges(simulated, int(a))
     ends = [(float(min(abs(r))), float(max(abs(r))), r[0] * r[1] < 0.0) for r in ranges if np.any(r)]
     least = min((small if both else large for small, large, both in ends), default=math.inf)
     return least, all(small == large for small, large, both in ends if both)
+
+
+def _ranges(simulated: Any, actuator: int) -> list[Vec]:
+    """Ranges of the force that an actuator transmits: of the file, and of the control of a plain motor."""
+    gear, found = float(simulated.actuator_gear[actuator, 0]), []
+    if simulated.actuator_forcelimited[actuator]:
+        found.append(gear * simulated.actuator_forcerange[actuator])
+    plain = simulated.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+    plain &= simulated.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    plain &= simulated.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+    if plain and simulated.actuator_ctrllimited[actuator]:
+        found.append(gear * float(simulated.actuator_gainprm[actuator, 0]) * simulated.actuator_ctrlrange[actuator])
+    return found
 
 
 def _read_notes(simulated: Any, found: Description, own: frozenset[int]) -> None:
     bodies, stiffness = body_names(simulated), np.asarray(simulated.jnt_stiffness).reshape(simulated.njnt, -1)[:, 0]
     if springs := [name for name, j in own_joints(simulated, own).items() if stiffness[j]]:
         found.notes.append(f"springs of the file are ignored in the model's forces: {_some(springs)}")
+    rubbed = {"damping": simulated.dof_damping, "friction": simulated.dof_frictionloss}
+    for what, values in rubbed.items():
+        first = np.asarray(values).reshape(simulated.nv, -1)[:, 0][simulated.jnt_dofadr]
+        if joints := [name for name, j in own_joints(simulated, own).items() if first[j]]:
+            found.notes.append(f"{what} of the file is ignored in the model's forces: {_some(joints)}")
     if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp) if b in own]:
         found.notes.append(f"gravity compensation of the file is ignored in the model's forces: {_some(light)}")
     if simulated.ntendon and np.any(simulated.tendon_armature):

@@ -7,7 +7,7 @@ if __name__ != "hqp.tasks":
 
 from .balance import Balance
 from .ball_limits import BallLimits
-from .closures import Ball
+from .closures import Ball, Hinge
 from .collision import CollisionAvoidance
 from .com import Com
 from .compliance import Admittance, Impedance
@@ -56,6 +56,7 @@ __all__ = [
     "ForceLimits",
     "FrictionCone",
     "Frozen",
+    "Hinge",
     "HoldingTorque",
     "Impedance",
     "JointCoupling",

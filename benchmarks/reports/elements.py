@@ -54,6 +54,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "ForceLimits": lambda: (t.ForceLimits(contact=FOOT, force=1e4, moment=1e4),),
     "FrictionCone": lambda: (t.FrictionCone(contact=FOOT, mu=0.8),),
     "Frozen": lambda: (t.Frozen(joints=["R_EB"]),),
+    "Hinge": lambda: (t.Hinge(frame=HAND, relative_to="l_palm", axis="y"),),
     "HoldingTorque": lambda: (t.HoldingTorque(joints="R_SAA"),),
     "Impedance": lambda: (t.Impedance(frame=HAND, stiffness=(300.0, 300.0, 0.0), damping=60.0),),
     "JointCoupling": lambda: (t.JointCoupling({"R_EB": 1.0, "L_EB": -1.0}),),
@@ -102,6 +103,7 @@ CONTACTS = (
     "WheelContact",
     "Weld",
     "Ball",
+    "Hinge",
     "JointCoupling",
 )
 

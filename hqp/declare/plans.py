@@ -101,6 +101,18 @@ class Edge:
 
 
 @dataclass(frozen=True, eq=False)
+class Hinge:
+    """A frame's origin and an axis of ``relative_to``, with ``first`` and ``other`` across it; reference ``(6,)``."""
+
+    frame: Frame
+    relative_to: RelativeFrame | None
+    axis: tuple[float, float, float]
+    first: tuple[float, float, float]
+    other: tuple[float, float, float]
+    shape: tuple[int, ...] = field(default=(6,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
 class Wheel:
     """Some of rolling, lateral, normal (0, 1, 2) of a wheel; aligned: sine below which its axle is along the normal.
 
@@ -396,7 +408,7 @@ class KineticEnergy(_Counted):
 
 
 Plan: TypeAlias = (
-    Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
+    Point | Pose | Rotation | Angles | Edge | Hinge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
     | Still | Steady | Prescribed | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
     | Balance | HoldingTorque | Momentum | KineticEnergy | Payload | ExternalWrench
 )  # fmt: skip

@@ -139,9 +139,19 @@ def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapp
         if found[-1].complete:
             return found[-1]
     names = ", ".join(e.name for e in held) or "no contacts or couplings"
+    loose = ", ".join(_undetermined(next(_around_home(held, twin, dt, laws)), robot))
     raise DeclarationError(
         "subject_to",
         f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; given {names}"
-        "; rank [J_constr; U] must be nv, however many constraints there are",
-        allowed="contacts and couplings with rank [J_constr; U] = nv",
+        f"; no motor and no constraint determines {loose}",
+        allowed="rank [J_constr; U] = nv: add contacts, a JointCoupling or a closure of these joints, or motors",
     )
+
+
+def _undetermined(J: Mat, robot: Robot) -> list[str]:
+    """Joints that move while constraints hold and motors stand, each once."""
+    U = np.eye(robot.nv)[robot.actuated]
+    _, sizes, V = np.linalg.svd(np.vstack((J, U)))
+    rank = int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
+    moved = np.flatnonzero(np.abs(V[rank:]).max(axis=0, initial=0.0) > RANK_TOLERANCE)
+    return list(dict.fromkeys(robot.joint_name(int(i)).split("[")[0] for i in moved))

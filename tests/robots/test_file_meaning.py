@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hqp
@@ -75,3 +76,44 @@ def test_a_follower_that_narrows_its_leader_is_noted(seed: int, tmp_path: Path) 
         assert "'j0'" in notes[0]
     at = robot.configuration(np.array([0.01, 0.01 * two.ratio + two.offset]))
     assert robot.state(at).angles[1] == pytest.approx(0.01 * two.ratio + two.offset)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_planar_joint_moves_across_its_axis(seed: int, tmp_path: Path) -> None:
+    """Whatever its axis: the link slides in the plane through its origin and turns about the axis, and at zero it is
+    where the file has it."""
+    rng = np.random.default_rng(seed)
+    axis, other = rng.normal(size=3) if seed else np.array((0.0, 0.0, -1.0)), rng.normal(size=3)
+    place, shift = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)
+    words = {k: " ".join(f"{x:.9f}" for x in v) for k, v in {"a": axis, "o": other, "p": place, "s": shift}.items()}
+    path = tmp_path / "puck.urdf"
+    path.write_text(
+        f'<robot name="puck"><link name="table"/><link name="puck">{MASS}</link><link name="top">{MASS}</link>'
+        '<joint name="slide" type="planar"><parent link="table"/><child link="puck"/>'
+        f'<origin xyz="{words["p"]}" rpy="0.3 -0.2 0.5"/><axis xyz="{words["a"]}"/>'
+        '<limit velocity="3" effort="4"/></joint>'
+        '<joint name="turn" type="continuous"><parent link="puck"/><child link="top"/>'
+        f'<origin xyz="{words["s"]}" rpy="0.1 0.2 0.3"/><axis xyz="{words["o"]}"/>'
+        '<limit velocity="2" effort="3"/></joint></robot>'
+    )
+    robot = hqp.robots.load(path)
+    start = robot.state(robot.configuration(np.zeros(robot.nv)))
+    R = pin.rpy.rpyToMatrix(0.3, -0.2, 0.5)
+    normal = R @ axis / np.linalg.norm(axis)
+    np.testing.assert_allclose(start.position("puck"), place, atol=1e-6)
+    np.testing.assert_allclose(start.rotation("puck"), R, atol=1e-6)
+    np.testing.assert_allclose(start.position("top"), place + R @ shift, atol=1e-6)
+    np.testing.assert_allclose(robot.velocity_limit[robot.joints("slide")], 3.0)
+    for _ in range(5):
+        state = robot.state(robot.random_configuration(rng))
+        assert normal @ (state.position("puck") - place) == pytest.approx(0.0, abs=1e-6)
+        np.testing.assert_allclose(state.rotation("puck") @ R.T @ normal, normal, atol=1e-6)
+        np.testing.assert_allclose(
+            state.position("top"), state.position("puck") + state.rotation("puck") @ shift, atol=1e-6
+        )
+
+
+def test_friction_and_damping_are_noted(tmp_path: Path) -> None:
+    robot = chain(tmp_path, "revolute", '<dynamics damping="0.3"/>', '<dynamics friction="1"/>', "")
+    assert any("damping" in note and "'j0'" in note and "'j1'" not in note for note in robot.notes)
+    assert any("friction" in note and "'j1'" in note for note in robot.notes)

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import hqp.robots
-from hqp import Level, P, Stack
+from hqp import PD, Level, P, Stack
 from hqp.errors import DeclarationError, ModelError, ModelWarning
 from hqp.robots import agreement, from_mjcf
 from hqp.robots.mujoco_extra import full_inertia
@@ -213,3 +213,59 @@ def test_a_fault_in_the_reader_is_seen(fault: str) -> None:
         model.jointPlacements[joint].rotation = model.jointPlacements[joint].rotation @ pin.utils.rotate("y", -0.4)
     with pytest.raises(ModelError, match="in MuJoCo"):
         agreement.check(found)
+
+
+GRIPPER = """
+<mujoco><compiler angle="radian" autolimits="true"/><default><geom contype="0" conaffinity="0"/>
+<equality solref="0.004 1" solimp="0.9999 0.9999 0.01"/></default>
+<worldbody><body name="wrist" pos="0 0 1"><joint name="wrist" axis="1 0 0"/><geom size=".05" mass="1"/>
+ <body name="one" pos="0 .05 0"><joint name="one" type="{kind}" axis="0 1 0.2"/>
+  <geom size=".02" mass="0.3" pos=".03 0 .08"/></body>
+ <body name="two" pos="0 -.05 0"><joint name="two" type="{kind}" axis="0 -1 0.1"/>
+  <geom size=".02" mass="0.4" pos=".02 0 .1"/></body>
+</body></worldbody>
+<tendon><fixed name="pull"><joint joint="one" coef="{a}"/><joint joint="two" coef="{b}"/></fixed></tendon>
+<equality>{equality}</equality>
+<actuator><motor joint="wrist" ctrlrange="-90 90"/>
+ <motor name="grip" tendon="pull" gear="{gear}" ctrlrange="-9 9"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_gripper_on_one_tendon_has_torques(seed: int, tmp_path: Path) -> None:
+    """MuJoCo's fingers accelerate as the program says, with the force that gives the leader's torque in the tendon."""
+    rng = np.random.default_rng(seed)
+    a, b, gear, ratio = (float(x) for x in rng.uniform(0.3, 2.0, 4) * rng.choice([-1, 1], 4))
+    equality = f'<joint joint1="two" joint2="one" polycoef="0.01 {ratio} 0 0 0"/>'
+    path = tmp_path / "gripper.xml"
+    kind = str(rng.choice(["hinge", "slide"]))
+    path.write_text(GRIPPER.format(kind=kind, a=a, b=b, gear=gear, equality=equality))
+    robot, simulated = hqp.robots.load(path), mujoco.MjModel.from_xml_path(str(path))
+    assert robot.joint_names == ("wrist", "one")
+    through = a + b * ratio
+    assert robot.effort_limit[robot.joints("one")[0]] == pytest.approx(9.0 * abs(gear * through))
+    assert any("'grip'" in note or "grip" in note for note in robot.notes)
+    goal = Posture(joints=["wrist", "one"], law=PD(50.0), name="goal")
+    session = hqp.Controller(Stack(Level(goal)), hqp.Torque(), deadline=np.inf).session(robot, 0.002)
+    convert, data = StateMap(simulated, robot), mujoco.MjData(simulated)
+    q = robot.home
+    v = np.zeros(robot.nv)
+    v[robot.joints(["wrist", "one", "two"])] = 0.3, 0.2, 0.2 * ratio
+    there = robot.state(q).angles[robot.joints(["wrist", "one"])] + 0.02
+    tick = session.step(robot.state(q, v), goal.at(there))
+    data.qpos[:], data.qvel[:] = convert.to_mujoco(q, v)
+    torque = dict(zip(robot.joint_names, tick.command, strict=True))
+    data.ctrl[:] = torque["wrist"], torque["one"] / (gear * through)
+    mujoco.mj_forward(simulated, data)
+    expected = session.program.acceleration(tick.x)  # type: ignore[attr-defined]
+    found = convert.to_pinocchio(data.qpos, data.qacc)[1]
+    np.testing.assert_allclose(found, expected, atol=1e-2 * float(np.abs(expected).max()))
+
+
+def test_a_tendon_that_no_joint_leads_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "gripper.xml"
+    path.write_text(GRIPPER.format(kind="hinge", a=1, b=1, gear=1, equality=""))
+    with pytest.warns(ModelWarning, match=r"motor grip moves the joints one, two .* add an equality"):
+        robot = hqp.robots.load(path)
+    with pytest.raises(DeclarationError, match=r"determines one, two.*JointCoupling"):
+        hqp.Controller(Stack(Level(Posture(joints=["wrist"]))), hqp.Torque()).session(robot, 0.002)

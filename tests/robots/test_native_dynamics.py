@@ -74,7 +74,7 @@ class Native:
             self.robot.state(q, v).kinematics()
         else:
             self._kinematics.update(q)
-        self._native.run(q, v)
+        self._native.run(q, v, v)
         J, drift = self._rows.J, self._rows.drift
         found = {"A": np.triu(self.A), "b + g": self.bias, "com": J[:3], "com drift": drift[:3]}
         found |= {"momentum": J[3:9], "momentum drift": drift[3:9], "frames": J[9:], "frame drifts": drift[9:]}

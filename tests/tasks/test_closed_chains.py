@@ -13,6 +13,8 @@ import hqp
 import hqp.tasks as t
 from hqp import PD, Level, P, Stack, serial
 from hqp.errors import DeclarationError, HqpError
+from hqp.export.loaded import LoadedSession
+from hqp.loop.file import text
 from hqp.problem import Status
 
 DT = 0.002
@@ -233,3 +235,50 @@ def test_what_is_refused(robots: dict[str, Any]) -> None:
         ],
     )
     assert serial.loads(serial.dumps(stack)) == stack
+
+
+BARS = """
+<robot name="bars">{links}
+<link name="coupler_end"/><joint name="ce" type="fixed"><parent link="coupler"/><child link="coupler_end"/>
+ <origin xyz="{span} 0 0" rpy="{turn} 0.2 0.1"/></joint>
+<link name="rocker_end"/><joint name="re" type="fixed"><parent link="rocker"/><child link="rocker_end"/>
+ <origin xyz="{arm} 0 0"/></joint></robot>"""
+BAR = (
+    '<link name="{0}"><inertial><mass value=".5"/><origin xyz=".1 0 0"/>'
+    '<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+TURN = (
+    '<joint name="{0}_j" type="revolute"><parent link="{1}"/><child link="{0}"/><origin xyz="{2} 0 0"/>'
+    '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="4" effort="9"/></joint>'
+)
+
+
+@pytest.mark.parametrize("closure", ["Hinge", "Ball"])
+@pytest.mark.parametrize("kind", FORMULATIONS)
+@pytest.mark.parametrize("seed", range(2))
+def test_a_parallelogram_moves_on_its_circle(closure: str, kind: str, seed: int, tmp_path: Any) -> None:
+    """Crank and rocker turn alike, the coupler keeps its direction: closed form, for drawn lengths and poses."""
+    rng = np.random.default_rng(seed)
+    span, arm = rng.uniform(0.2, 0.6), rng.uniform(0.1, 0.4)
+    places = (("crank", "ground", 0.0), ("coupler", "crank", arm), ("rocker", "ground", span))
+    links = "".join(BAR.format(n) for n in ("ground", *(name for name, *_ in places)))
+    links += "".join(TURN.format(*place) for place in places)
+    path = tmp_path / "bars.urdf"
+    path.write_text(BARS.format(links=links, span=span, arm=arm, turn=rng.uniform(-1, 1)))
+    robot = hqp.robots.load(path)
+    start, goal = rng.uniform(-1.2, -0.8), rng.uniform(-0.7, -0.4)
+    at = {"crank_j": start, "rocker_j": start, "coupler_j": -start}
+    q, v = robot.configuration(np.array([at[robot.joint_name(i)] for i in range(3)])), np.zeros(3)
+    lead = t.Posture(joints=["crank_j"], law=P(8.0) if kind == "velocity" else PD(100.0), name="lead")
+    extra: dict[str, Any] = {"axis": "y"} if closure == "Hinge" else {}
+    loop = getattr(t, closure)(frame="coupler_end", relative_to="rocker_end", name="loop", **extra)
+    stack = Stack(Level(lead), subject_to=[loop])
+    session = hqp.Controller(stack, FORMULATIONS[kind], deadline=math.inf).session(robot, DT)
+    file = LoadedSession(text(session))
+    for k in range(600):
+        tick, found = session.step(robot.state(q, v), lead.at([goal])), file.step(q, v, {"lead": ([goal],)})
+        np.testing.assert_allclose(found.x, tick.x, atol=1e-9, err_msg=f"tick {k}")
+        q, v = tick.advance()
+    crank, coupler, rocker = (robot.state(q).angles[robot.joints(n)[0]] for n in ("crank_j", "coupler_j", "rocker_j"))
+    assert crank == pytest.approx(goal, abs=1e-2)
+    assert (rocker, coupler) == pytest.approx((crank, -crank), abs=1e-4)

@@ -284,7 +284,7 @@ def test_whatever_is_given_the_error_is_ours(cbi: Any, name: str) -> None:
         "EdgeContact": {"axis": "y"}, "Cone": {"task": t.AlignAxis(frame=hand), "angle": 0.3},
         "SupportPolygon": {"sole": (-0.1, 0.1, -0.05, 0.05)}, "Frozen": {"joints": cbi.joint_names[0]},
         "LoadShare": {"contacts": (sole, "r_sole")}, "Admittance": {"damping": 50.0},
-        "PrescribedMotion": {"joints": ()},
+        "PrescribedMotion": {"joints": ()}, "Hinge": {"axis": "y"},
     }  # fmt: skip
     cls: Any = REGISTRY[name]
     needed = [

@@ -85,6 +85,10 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
         "LookAt": [t.LookAt(frame=f, axis=(0.0, 0.0, 1.0)), t.LookAt(frame=f, axis=(1.0, -2.0, 0.5))],
         "Distance": [t.Distance(frame=f, other=o)],
         "Weld": [t.Weld(frame=f, relative_to=o)],
+        "Hinge": [
+            t.Hinge(frame=f, relative_to=o, axis="y"),
+            t.Hinge(frame=o, relative_to=f, axis=(1.0, -2.0, 0.5), weight=2.0),
+        ],
         "Ball": [t.Ball(frame=f, relative_to=o), t.Ball(frame=o, relative_to=f, weight=2.0)],
         "Manipulability": [
             t.Manipulability(frame=f),
