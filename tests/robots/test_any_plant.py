@@ -133,8 +133,7 @@ def test_free_base_beside_a_ball_and_names_left_out() -> None:
 
 def test_root_that_was_freed_on_loading_is_free_in_the_plant() -> None:
     arm = DATA / "arm.xml"
-    with pytest.warns(ModelWarning):
-        free = hqp.robots.load(arm, floating=True)
+    free = hqp.robots.load(arm, floating=True)
     plant = Plant(free, terrain=None)
     assert plant.map.floating
     assert plant.model.nv == free.nv
