@@ -14,6 +14,9 @@ from hqp.walking.gait import check
 RISE = 0.45
 """Share of the time after which the foot is highest."""
 
+SCUFF = 0.4
+"""Share of the remaining time in which a foot that has scuffed rises again."""
+
 LEAD = 0.03
 """The foot is above its goal this long before it lands [s]."""
 
@@ -67,6 +70,7 @@ class Swing:
         self.v, self.a = np.zeros(4), np.zeros(4)
         self.duration, self.time, self.search, self.depth = duration, 0.0, search, depth
         self._moved = -FOLLOWS
+        self._peak, self._height_above = -math.inf, height
         self._top = max(float(self.x[2]), float(self.goal[2])) + height
 
     def retarget(self, goal: Vec, fastest: float, dt: float) -> None:
@@ -76,6 +80,11 @@ class Swing:
         if off.any():
             off[:2] = within(off[:2], most)
             self.goal, self._moved = self.goal + np.append(off[:2], off[2:].clip(-most, most)), self.time
+
+    def clear(self, z: float) -> None:
+        """Rise again, from wherever the path is, to the swing's height above z [m]: the foot has scuffed there."""
+        self._top = max(self._top, z + self._height_above)
+        self._peak = max(self._peak, self.time + SCUFF * max(self.left - LEAD, 0.0))
 
     @staticmethod
     def _seen(what: str, given: Vec, before: Vec) -> Vec:
@@ -103,7 +112,7 @@ class Swing:
 
     def _height(self, now: State, goal: float, dt: float) -> State:
         """z, its velocity and acceleration after dt: up to the top, down to the goal, and on."""
-        up, left = RISE * self.duration - self.time, self.left
+        up, left = max(RISE * self.duration, self._peak) - self.time, self.left
         if up >= dt:
             return quintic(now, self._top, up, dt)
         if up > 0.0:  # over the top within this tick

@@ -33,8 +33,12 @@ from hqp.walking.swing import Swing, within
 TOUCH = 0.05
 """A swing foot that bears this share of the weight has landed."""
 
+HELD, DOWN = 5e-3, 0.02
+"""A foot with load has landed if it is at most so far below its path, or if its path is so near to the goal [m];
+otherwise it has scuffed and rises again."""
+
 EARLY = 0.55
-"""It does not before this share of the time of its swing."""
+"""It does not land before this share of the time of its swing."""
 
 LATE = 0.015
 """After its time is up, this share of the load confirms a landing: a light foot whose toe has met a slope pushes with
@@ -51,6 +55,9 @@ INTEGRAL, MOST = 0.5, 0.03
 
 LEAST = 0.015
 """Steps correct only larger errors [m]."""
+
+PLANNED = 0.8
+"""Share of the reach that planned steps use: the rest is for their corrections."""
 
 CLEAR = 0.02
 """Between two soles side by side [m]."""
@@ -120,10 +127,14 @@ class Walker:
         if reach is None:
             across = max(float(np.ptp([y for _, y in foot.corners])) for foot in self.feet) + CLEAR
             least = min(max(across, 0.5 * width), 0.7 * width)
-            reach = Reach(forward=0.4 * self.height, least=least, most=width + 0.15 * self.height)
+            reach = Reach(forward=0.5 * self.height, least=least, most=width + 0.15 * self.height)
         self.footsteps = Footsteps(period=self.gait.period, width=width, reach=reach)
         self.ability = Ability(
-            gait=self.gait, reach=reach, width=width, height=self.height, gravity=-float(robot.gravity[2])
+            gait=self.gait,
+            reach=replace(reach, forward=PLANNED * reach.forward),
+            width=width,
+            height=self.height,
+            gravity=-float(robot.gravity[2]),
         )
         laws = laws or Laws()
         self.stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
@@ -270,7 +281,7 @@ class Walker:
         elif self.phase == "shift" and self._t >= self._T:
             self._pace = self.ability.paced(self._pace, self.command)
             self._enter("swing", self._haste * self.gait.single, state)
-        elif self.phase == "swing" and self._landed(loads):
+        elif self.phase == "swing" and self._landed(state, loads):
             side = 1 - self.stance
             self.holds[side] = self.feet[side].placed(state)
             assert self._swing is not None
@@ -281,12 +292,18 @@ class Walker:
             last = not self.walking and self._pace == Command()
             self._enter("stand" if last else "shift", self._double(self._pace, last), state)
 
-    def _landed(self, loads: Vec | None) -> bool:
+    def _landed(self, state: State, loads: Vec | None) -> bool:
+        """Whether the swing foot stands: time is up, or it bears load where its path or the ground holds it."""
         if loads is None:
             return self._t >= self._T
+        assert self._swing is not None
         least = TOUCH if self._t < self._T else LATE
-        touched = bool(loads[1 - self.stance] > least * self.weight)
-        return (touched and self._t > EARLY * self._T) or self._t > self._T + self.gait.patience
+        if loads[1 - self.stance] > least * self.weight and self._t > EARLY * self._T:
+            z, path = float(state.position(self.feet[1 - self.stance].frame)[2]), float(self._swing.x[2])
+            if z > path - HELD or path < float(self._swing.goal[2]) + DOWN:
+                return True
+            self._swing.clear(z)
+        return self._t > self._T + self.gait.patience
 
     def _enter(self, phase: str, duration: float, state: State) -> None:
         self.phase, self.event, self._t, self._T = phase, phase, 0.0, duration
