@@ -14,12 +14,12 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
 from hqp.loop.document import live_tree
-from hqp.loop.guards import rate_limiter
+from hqp.loop.guards import motor_limits, rate_limiter
 from hqp.loop.outgoing import largest_change
 from hqp.loop.phase_laws import PhaseLaws
 from hqp.loop.presence import Presence
 from hqp.loop.record import Layout
-from hqp.loop.restless import units_of
+from hqp.loop.restless import turning, units_of
 from hqp.loop.soundness import twin_of
 from hqp.loop.transition.waypoints import Waypoint, path
 from hqp.programs.assembly import kinematics
@@ -150,6 +150,8 @@ class Compiler:
         guards = {**self._guards, "deadline": deadline, "gradual": largest_change(program.kind, self._dt)}
         limiter = rate_limiter(self._robot, self._controller.rates, program.kind, self._dt)
         guards["rates"] = None if limiter is None else list(limiter.inverse)
+        checked = self._controller.calm and getattr(formulation, "effort_limits", True)
+        guards["motors"] = motor_limits(self._robot, whole, program.kind, turning(self._robot)) if checked else None
         moving = program.assembly.moving or kinematics(self._robot)
         return Compiled(
             stack=whole,

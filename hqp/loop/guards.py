@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hqp.arrays import Mask
 from hqp.declare.robot import Robot
 from hqp.declare.safety import RateLimits, StateBounds, positive
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
 from hqp.programs.envelope import native
+from hqp.torque.motors import overload
 
 if TYPE_CHECKING:
     from hqp._session import RateLimiter
@@ -37,6 +40,22 @@ def state_bounds(robot: Robot, bounds: StateBounds, max_age: float | None) -> di
         "ordinary": max(0.0, min(smallest, bounds.distance)) ** 2,
         "max_age": max_age,
     }
+
+
+def motor_limits(robot: Robot, stack: Stack, kind: str, turns: Mask) -> dict[str, Any]:
+    """Limits of the model that every command is checked against after the solver, one over each, 0 for none.
+
+    The speed of each motor [rad/s, m/s]; at torque level ``OVERLOAD`` times its torque [N m, N], none for motors too
+    weak to hold the robot at home (``hqp.torque.motors``).  turns: mask of rotational coordinates ``(nv,)``.
+    """
+    actuated = robot.actuated
+    if kind == "torque":
+        limit, units = overload(stack, robot)[0], ("N", "N m")
+    else:
+        limit, units = robot.velocity_limit[actuated], ("m/s", "rad/s")
+    inverse = np.zeros(limit.size)
+    np.divide(1.0, limit, out=inverse, where=limit > 0.0)
+    return {"inverse": inverse.tolist(), "units": [units[turn] for turn in turns[actuated].tolist()]}
 
 
 def rate_limiter(

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from hqp.arrays import Mask
 from hqp.declare.robot import Robot
 from hqp.loop.soundness import twin_of
 from hqp.programs.formulation import Program
 
 
+def turning(robot: Robot) -> Mask:
+    """Mask ``(nv,)`` of the coordinates that turn; the others slide."""
+    with twin_of(robot) as twin:
+        twin.state(twin.home).kinematics()
+        found: Mask = (twin.joint_twists[3:] != 0.0).any(axis=0)
+    return found
+
+
 def units_of(program: Program, robot: Robot) -> dict[str, list[str]]:
     """Of the joint of each row, by the name of elements whose rows are limits of joints."""
     found: dict[str, list[str]] = {}
-    with twin_of(robot) as twin:
-        twin.state(twin.home).kinematics()
-        turns = (twin.joint_twists[3:] != 0.0).any(axis=0)
+    turns = turning(robot)
     for name, place in program.places.items():
         element = place.element
         picked = None if element.equality else element.selection(robot)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hqp.arrays import Vec, rank
@@ -26,18 +28,25 @@ def within_motors(stack: Stack, robot: Robot) -> tuple[Stack, str]:
     if any(e.quantity == "effort" for e in stack.subject_to):
         return stack, ""
     names = [robot.joint_names[i] for i in range(robot.actuated.size)]
-    limit = OVERLOAD * robot.effort_limit[robot.actuated]
-    needed = np.abs(_holding(stack, robot))
-    weak = [i for i in range(limit.size) if needed[i] > limit[i]]
-    kept = [name for i, name in enumerate(names) if np.isfinite(limit[i]) and i not in weak]
-    told = ", ".join(f"{names[i]} {limit[i] / OVERLOAD:.3g} of {needed[i]:.3g} N m" for i in weak)
-    told = f"no torque limit for motors too weak to hold {robot.name} at home: {told}" if weak else ""
+    limit, told = overload(stack, robot)
+    kept = [name for name, most in zip(names, limit.tolist(), strict=True) if math.isfinite(most)]
     if not kept:
         return stack, told
     from hqp.tasks import TorqueLimits
 
     motors = TorqueLimits(name="motors", joints=None if len(kept) == len(names) else kept, scale=OVERLOAD)
     return Stack(*stack.levels, subject_to=(motors, *stack.subject_to)), told
+
+
+def overload(stack: Stack, robot: Robot) -> tuple[Vec, str]:
+    """``OVERLOAD`` times the limit of each motor ``(n_actuated,)`` [N m], infinite for motors too weak to hold the
+    robot at home, and a note on those."""
+    names, limit = robot.joint_names, OVERLOAD * robot.effort_limit[robot.actuated]
+    needed = np.abs(_holding(stack, robot))
+    weak = np.flatnonzero(needed > limit).tolist()
+    told = ", ".join(f"{names[i]} {limit[i] / OVERLOAD:.3g} of {needed[i]:.3g} N m" for i in weak)
+    limit[weak] = math.inf
+    return limit, f"no torque limit for motors too weak to hold {robot.name} at home: {told}" if weak else ""
 
 
 def _holding(stack: Stack, robot: Robot) -> Vec:

@@ -64,6 +64,16 @@ std::unique_ptr<RateLimiter> rate_limiter(const Node& root, const Line& line, co
   return std::make_unique<RateLimiter>(robot.joint_names, guards.numbers("rates"), line.dt(), "rate");
 }
 
+// Null if the plan checks no limits of the motors.
+template <class Node>
+std::unique_ptr<MotorLimits> motor_limits(const Node& root, const Line& line, const RobotNames& robot) {
+  const Node guards = root.part("guards");
+  if (!guards.has("motors")) return nullptr;
+  const Node p = guards.part("motors");
+  const double braking = robot.kind == "acceleration" ? guards.part("braking").number("deceleration") : 0.0;
+  return std::make_unique<MotorLimits>(robot.joint_names, p.numbers("inverse"), p.texts("units"), line.dt(), braking);
+}
+
 template <class Node>
 Outgoing outgoing(const Node& root, const Line& line, const RobotNames& robot) {
   const Node guards = root.part("guards");

@@ -45,6 +45,7 @@ class Guarded {
         robot_(RobotNames::of(root, line_)),
         check_(state_check(root, line_)),
         rest_(hqp::rest(root, line_, robot_)),
+        motors_(motor_limits(root, line_, robot_)),
         limiter_(rate_limiter(root, line_, robot_)),
         budget_(root.part("guards").number("deadline")),
         q_(std::size_t(line_.nq())),
@@ -299,7 +300,8 @@ class Guarded {
     line_.residuals(answer_.slack, tick_.residuals_.data());
     std::copy(answer_.marks, answer_.marks + tick_.marks_.size(), tick_.marks_.begin());
     const auto here = [this] { return from(false); };
-    if (!outgoing_.take(answer_, before(), *rest_, here, contacts_, limiter(), tick_.x_.data(), report()))
+    if (!outgoing_.take(answer_, before(), *rest_, here, contacts_, motors_.get(), v_.data(), limiter(),
+                        tick_.x_.data(), report()))
       return held_tick({}, true);
     plain_notes_ = tick_.note_count_;
     limits();
@@ -369,6 +371,7 @@ class Guarded {
   RobotNames robot_;
   StateCheck check_;
   std::unique_ptr<Rest> rest_;
+  std::unique_ptr<MotorLimits> motors_;
   std::unique_ptr<RateLimiter> limiter_;
   Budget budget_;
   std::vector<double> q_, v_, good_q_, good_v_, x_, angles_, over_;

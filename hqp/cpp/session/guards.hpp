@@ -196,4 +196,59 @@ class RateLimiter {
   std::string name_, all_;  // in a note on what is off by it, and of one on itself
 };
 
+// Keeps a command within limits of the motors, whatever the solver's rows are: (motors,) numbers, the inverse of the
+// largest speed or torque, 0 for no limit.
+//
+// Velocity and torque level: x+ = share x. Acceleration level, where the limits hold for v + dt x: the point on the way
+// from braking, b = -v min(1 / dt, a / max_i |v_i|), to x.
+class MotorLimits {
+ public:
+  static constexpr double kRounding = 1e-6;  // of a limit: rows of a solver may be off by as much
+
+  // units: of speeds or torques.  braking: a, at acceleration level; 0 at the others.
+  MotorLimits(std::vector<std::string> joints, std::vector<double> inverse, std::vector<std::string> units, double dt,
+              double braking)
+      : names_(std::move(joints)), units_(std::move(units)), inverse_(std::move(inverse)), dt_(dt), braking_(braking) {
+    if (names_.size() != inverse_.size() || names_.size() != units_.size())
+      throw PlanError("motor limits: " + std::to_string(inverse_.size()) + " numbers for " +
+                      std::to_string(names_.size()) + " motors");
+  }
+
+  // Scale x (n) down to the limits; return false, with x as it is, if it is within them.  motors: their places in x.
+  bool hold(double* x, std::size_t n, const double* v, const std::vector<int>& motors, Note& why) const {
+    const double rest = braking_ > 0.0 ? resting(v, motors) : 0.0;
+    double share = 1.0;
+    for (std::size_t i = 0; i < inverse_.size(); ++i) {
+      const std::size_t j = std::size_t(motors[i]);
+      const double from = rest > 0.0 ? v[j] * (1.0 - dt_ * rest) : 0.0, to = braking_ > 0.0 ? v[j] + dt_ * x[j] : x[j];
+      const double over = std::fabs(to) * inverse_[i];
+      if (!(over > 1.0 + kRounding) || std::fabs(to) <= std::fabs(from)) continue;
+      const double most = std::copysign(std::fmax(1.0 / inverse_[i], std::fabs(from)), to);
+      const double part = (most - from) / (to - from);
+      if (part >= share) continue;
+      share = part;
+      why = {"motors", Status::kOptimal, Cause::kMotor, names_[i].c_str(), std::fabs(to), 1.0 / inverse_[i]};
+      why.rows[0].name = units_[i].c_str();
+    }
+    if (share == 1.0) return false;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double from = rest > 0.0 ? -v[i] * rest : 0.0;
+      x[i] = from + share * (x[i] - from);
+    }
+    return true;
+  }
+  static const char* name() { return "motor"; }
+
+ private:
+  double resting(const double* v, const std::vector<int>& motors) const {
+    double most = 0.0;
+    for (const int j : motors) most = std::fmax(most, std::fabs(v[j]));
+    return most > 0.0 ? std::fmin(1.0 / dt_, braking_ / most) : 0.0;
+  }
+
+  std::vector<std::string> names_, units_;
+  std::vector<double> inverse_;
+  double dt_, braking_;
+};
+
 }  // namespace hqp

@@ -66,8 +66,9 @@ class Outgoing {
     const double* w = status ? numbers(slack, outgoing_.rows()) : nullptr;
     Start from{rest, start};
     Notes notes;
-    const bool usable = outgoing_.take({static_cast<hqp::Status>(status), of(found), w, nullptr, detail.c_str()},
-                                       of(before), rest, from, contacts, limiter, of(x), teller(notes));
+    const bool usable =
+        outgoing_.take({static_cast<hqp::Status>(status), of(found), w, nullptr, detail.c_str()}, of(before), rest,
+                       from, contacts, nullptr, nullptr, limiter, of(x), teller(notes));
     return {usable, std::move(notes)};
   }
   Notes rest(hqp::Rest& rest, const nb::callable& start, bool fit, std::int64_t held, int why, const Before& before,

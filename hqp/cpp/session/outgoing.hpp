@@ -105,7 +105,7 @@ class Outgoing {
   // that a search that continues from tick to tick ends; cut answers would move it off its balance.
   template <class From, class Tell>
   bool take(const Answered& answer, const Before& before, Rest& rest, From&& from, const ContactWatch& contacts,
-            const RateLimiter* limiter, double* x, const Tell& tell) {
+            const MotorLimits* motors, const double* v, const RateLimiter* limiter, double* x, const Tell& tell) {
     const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
     if (answer.status != Status::kOptimal) {
       const bool off = off_by(answer.slack, "", tell), out = leaves_box(answer.slack);
@@ -129,6 +129,7 @@ class Outgoing {
     }
     std::copy(sent, sent + n_, x);
     contacts.lost(tell);
+    if (motors) hold(*motors, v, x, tell);
     if (limiter) limit(*limiter, before.x, x, tell);
     if (!cut) trend_.take(x, before.tick);
     return true;
@@ -154,13 +155,26 @@ class Outgoing {
     if (share == 1.0) return;
     for (int i = 0; i < n_; ++i) x[i] = last[i] + share * (x[i] - last[i]);
     tell(why);
-    double* w = slack_.data();
-    for (const Level& level : levels_)
-      for (int i = 0; i < level.m; ++i) *w++ = slack(value(level, i, x, n_), level.lower[i], level.upper[i]);
-    off_by(slack_.data(), limiter.name(), tell);
+    off_at(x, limiter.name(), tell);
+  }
+
+  // x within the limits of the motors, and what of subject_to is off by that.
+  template <class Tell>
+  void hold(const MotorLimits& motors, const double* v, double* x, const Tell& tell) {
+    Note why;
+    if (!motors.hold(x, std::size_t(n_), v, motors_, why)) return;
+    tell(why);
+    off_at(x, motors.name(), tell);
   }
 
  private:
+  template <class Tell>
+  void off_at(const double* x, const char* limit, const Tell& tell) {
+    double* w = slack_.data();
+    for (const Level& level : levels_)
+      for (int i = 0; i < level.m; ++i) *w++ = slack(value(level, i, x, n_), level.lower[i], level.upper[i]);
+    off_by(slack_.data(), limit, tell);
+  }
   // Whether an answer violates bounds on single variables in the first level. Such bounds can be met whatever the
   // levels below ask, so that no optimum violates them.
   bool leaves_box(const double* slack) const {

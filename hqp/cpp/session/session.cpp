@@ -91,6 +91,9 @@ std::string Note::text() const {
     case Cause::kRate:
       return std::string(where) + " would change by " + g3(amount) + "/s, allowed " + g3(allowed) +
              "/s: the change of the command is scaled down";
+    case Cause::kMotor:
+      return std::string(where) + " would be sent " + g3(amount) + " " + rows[0].name + ", allowed " + g3(allowed) +
+             " " + rows[0].name + ": the command is scaled down";
     case Cause::kContact:
       return "has carried less than " + is(allowed) + " N for " + number("%.0f", amount) + " ms, by its measured load";
     case Cause::kRestless:

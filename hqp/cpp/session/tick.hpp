@@ -66,6 +66,7 @@ enum class Cause {
   kBounds,     // NaN or crossed: it was left out
   kOff,        // a constraint is violated, where: by the limit of that name
   kRate,       // the command would change faster than it may
+  kMotor,      // the command would exceed a limit of its motor
   kContact,    // it has carried nothing
   kRestless,   // its command alternates from limit to limit
   kOverrun,    // its position limit will be passed, where: by so many of that unit
