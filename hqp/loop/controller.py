@@ -31,8 +31,9 @@ class Controller:
     the first answer of a session it counts from the rows on. Only ``lexicographic`` takes notice.  rates: how fast a
     command may change, no limit for None. bounds: of a state that is accepted. braking: how a command comes to
     rest. price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level
-    exact, whatever it declares. calm: False switches off all that slows commands by default, as ``price=0`` (with it
-    the torque net and holding torques of ``Torque``) and ``JointLimits(acceleration=0, braking=0)`` do together; other
+    exact, whatever it declares. calm: False switches off all that slows commands by default: the check of commands
+    against speed and torque limits of the model after the solver; as ``price=0`` (with it the torque net and holding
+    torques of ``Torque``) and ``JointLimits(acceleration=0, braking=0)`` do together; other
     numbers that an element declares for these two stay.
     """
 

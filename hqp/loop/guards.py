@@ -13,7 +13,6 @@ from hqp.declare.safety import RateLimits, StateBounds, positive
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
 from hqp.programs.envelope import native
-from hqp.torque.motors import overload
 
 if TYPE_CHECKING:
     from hqp._session import RateLimiter
@@ -50,6 +49,8 @@ def motor_limits(robot: Robot, stack: Stack, kind: str, turns: Mask) -> dict[str
     """
     actuated = robot.actuated
     if kind == "torque":
+        from hqp.torque.motors import overload  # an exported plan is followed without it
+
         limit, units = overload(stack, robot)[0], ("N", "N m")
     else:
         limit, units = robot.velocity_limit[actuated], ("m/s", "rad/s")

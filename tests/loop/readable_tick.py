@@ -2,7 +2,8 @@
 
     a state, references in place of hold values  ->  rows  ->  a solver  ->  x, as it is or towards rest
 
-It guards against references and rows that are not finite, and nothing else.
+It guards against references and rows that are not finite, and against speeds beyond the model's limits at velocity
+level, and nothing else.
 """
 
 from __future__ import annotations
@@ -70,9 +71,19 @@ class ReadableSession:
         status = solution.status
         if blamed:
             status = Status.worst(status, Status.INVALID_REFERENCE if refused else Status.INVALID_ELEMENT)
-        if solution.status.usable:
-            self.x = solution.x.copy()
-        return ReadableTick(status, solution.x if solution.status.usable else None, solution, blamed)
+        if not solution.status.usable:
+            return ReadableTick(status, None, solution, blamed)
+        self.x = self._within_speeds(solution.x, v if self.x is None else self.x)
+        return ReadableTick(status, self.x, solution, blamed)
+
+    def _within_speeds(self, x: Vec, before: Vec) -> Vec:
+        """x scaled down to the speed limits of the motors; faster ones get no faster than before."""
+        if self.program.kind != "velocity":
+            return x.copy()
+        motors = self.robot.actuated
+        most = np.maximum(self.robot.velocity_limit[motors], np.abs(before[motors]))
+        over = np.max(np.abs(x[motors]) / most)
+        return x / over if over > 1.0 + 1e-6 else x.copy()
 
     def _attend(self, told: frozenset[str]) -> None:
         """Leave out these elements and their followers; returning elements take fresh hold values."""

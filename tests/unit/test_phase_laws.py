@@ -73,7 +73,7 @@ def test_an_element_has_the_law_of_its_phase(
     """After the time that hqp/cpp/rows/law_change.hpp says the answer is that of a stack with that law, and back."""
     stack = ARM.with_laws({"hand": slow})
     q, v = arm.home + 0.1, 0.05 * np.ones(arm.nv)
-    far = 0.2 if formulation.quantities != {"motion"} else 1.0  # within what motors can do
+    far = 0.2  # within the limits of motors
     goal = HAND.at(arm.state(q).position("tool0") + far * np.array([0.2, -0.1, 0.15]))
     expected = []
     for law in (slow, fast):

@@ -300,8 +300,8 @@ class Guarded {
     line_.residuals(answer_.slack, tick_.residuals_.data());
     std::copy(answer_.marks, answer_.marks + tick_.marks_.size(), tick_.marks_.begin());
     const auto here = [this] { return from(false); };
-    if (!outgoing_.take(answer_, before(), *rest_, here, contacts_, motors_.get(), v_.data(), limiter(),
-                        tick_.x_.data(), report()))
+    if (!outgoing_.take(answer_, before(), *rest_, here, contacts_, motors_.get(), line_.torque() ? nullptr : around(),
+                        limiter(), tick_.x_.data(), report()))
       return held_tick({}, true);
     plain_notes_ = tick_.note_count_;
     limits();

@@ -197,7 +197,7 @@ class RateLimiter {
 };
 
 // Keeps a command within limits of the motors, whatever the solver's rows are: (motors,) numbers, the inverse of the
-// largest speed or torque, 0 for no limit.
+// largest speed or torque, 0 for no limit. A motor that is faster already may stay as fast, and no faster.
 //
 // Velocity and torque level: x+ = share x. Acceleration level, where the limits hold for v + dt x: the point on the way
 // from braking, b = -v min(1 / dt, a / max_i |v_i|), to x.
@@ -214,17 +214,19 @@ class MotorLimits {
                       std::to_string(names_.size()) + " motors");
   }
 
-  // Scale x (n) down to the limits; return false, with x as it is, if it is within them.  motors: their places in x.
+  // Scale x (n) down to the limits; return false, with x as it is, if it is within them.  v: velocity before this tick,
+  // the command's at velocity level, null at torque level.  motors: their places in x.
   bool hold(double* x, std::size_t n, const double* v, const std::vector<int>& motors, Note& why) const {
-    const double rest = braking_ > 0.0 ? resting(v, motors) : 0.0;
+    const double rate = braking_ > 0.0 ? resting(v, motors) : 0.0;
     double share = 1.0;
     for (std::size_t i = 0; i < inverse_.size(); ++i) {
       const std::size_t j = std::size_t(motors[i]);
-      const double from = rest > 0.0 ? v[j] * (1.0 - dt_ * rest) : 0.0, to = braking_ > 0.0 ? v[j] + dt_ * x[j] : x[j];
-      const double over = std::fabs(to) * inverse_[i];
-      if (!(over > 1.0 + kRounding) || std::fabs(to) <= std::fabs(from)) continue;
-      const double most = std::copysign(std::fmax(1.0 / inverse_[i], std::fabs(from)), to);
-      const double part = (most - from) / (to - from);
+      const double from = braking_ > 0.0 ? v[j] * (1.0 - dt_ * rate) : 0.0,
+                   to = braking_ > 0.0 ? v[j] + dt_ * x[j] : x[j];
+      if (!(std::fabs(to) * inverse_[i] > 1.0 + kRounding)) continue;
+      const double most = std::fmax(1.0 / inverse_[i], v ? std::fabs(v[j]) : 0.0);
+      if (std::fabs(to) <= most * (1.0 + kRounding)) continue;
+      const double part = (std::copysign(most, to) - from) / (to - from);
       if (part >= share) continue;
       share = part;
       why = {"motors", Status::kOptimal, Cause::kMotor, names_[i].c_str(), std::fabs(to), 1.0 / inverse_[i]};
@@ -232,7 +234,7 @@ class MotorLimits {
     }
     if (share == 1.0) return false;
     for (std::size_t i = 0; i < n; ++i) {
-      const double from = rest > 0.0 ? -v[i] * rest : 0.0;
+      const double from = braking_ > 0.0 ? -v[i] * rate : 0.0;
       x[i] = from + share * (x[i] - from);
     }
     return true;
