@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-
-if TYPE_CHECKING:
-    from hqp.loop.tick import Tick
 
 
 class RateObserver:
@@ -36,7 +33,7 @@ class RateObserver:
         self._share, self._joints = 1.0 - math.exp(-bandwidth * period), robot.actuated
         self._last: Vec | None = None
 
-    def update(self, v: Vec, tick: Tick | None = None) -> Vec:
+    def update(self, v: Vec, tick: Any = None) -> Vec:
         """The estimate ``(nv,)`` [rad/s, m/s] from measured rates; tick: the last one, None for the first.
 
         Call it before the robot's next state.  A tick without a solution predicts no change; rates that are not finite

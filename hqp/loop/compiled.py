@@ -133,7 +133,8 @@ class Compiler:
         solver = self._controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
         price, dropped = affordable(whole, as_price("controller", self._controller.price), solver)
-        if solver.inequalities and not is_exact(price):
+        bounded = solver.inequalities and not is_exact(price)
+        if bounded:
             whole, unbounded = formulation.bounded(whole, self._robot)
             dropped = "; ".join(filter(None, (dropped, unbounded)))
         program = formulation.compile(whole, self._robot, self._dt, price)
@@ -150,7 +151,8 @@ class Compiler:
         guards = {**self._guards, "deadline": deadline, "gradual": largest_change(program.kind, self._dt)}
         limiter = rate_limiter(self._robot, self._controller.rates, program.kind, self._dt)
         guards["rates"] = None if limiter is None else list(limiter.inverse)
-        checked = self._controller.calm and getattr(formulation, "effort_limits", True)
+        netted = program.kind != "torque" or (bounded and getattr(formulation, "effort_limits", True))
+        checked = self._controller.calm and netted
         guards["motors"] = motor_limits(self._robot, whole, program.kind, turning(self._robot)) if checked else None
         moving = program.assembly.moving or kinematics(self._robot)
         return Compiled(

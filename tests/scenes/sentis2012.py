@@ -18,6 +18,9 @@ COM = Com(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=
 HAND = Position(frame="hand", relative_to="base", heading=True, law=PD(30.0, 11.0), name="hand")
 POSTURE = Posture(joints="upper_body", law=PD(100.0, 20.0))
 
+EXACT = PD(0.0, 0.0)
+"""Law of the biarticular coupling: J qdd + dJ/dt v = 0 without feedback (eq. 4)."""
+
 
 def paper_stack(
     limits: Sequence[Element] = (),

@@ -24,6 +24,7 @@ from benchmarks.sentis2012.experiments.compliance import Compliance, stack
 from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.tasks import UnilateralContact
+from tests.scenes.sentis2012 import EXACT
 
 SEED = 2014
 UP = np.array([0.0, 0.0, 1.0])
@@ -182,7 +183,7 @@ def checks(ground: Ground, count: int) -> Iterator[Check]:
 def _stepped(
     ground: Ground, tasks: hqp.Stack, solver: str, count: int, seed: int, choice: Compliance = CHOICE
 ) -> Iterator[tuple[Formulas, hqp.Session, hqp.Tick]]:
-    formulation = hqp.Torque(gravity_compensation=True)
+    formulation = hqp.Torque(gravity_compensation=True, loop_law=EXACT)
     session = hqp.Controller(tasks, formulation, solver=solver, price=0, deadline=math.inf).session(
         ground.robot, dt=choice.period
     )

@@ -30,7 +30,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.torque.program import TorqueProgram
-from tests.scenes.sentis2012 import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
+from tests.scenes.sentis2012 import COM, CONTACTS, EXACT, HAND, HELD, POSTURE, WHEELS, paper_stack
 
 SEED = 2013
 
@@ -48,7 +48,7 @@ def at_states(
     ground: Ground, stack: Stack, solver: str | Solver, count: int, seed: int, speed: float = 1.0
 ) -> Iterator[tuple[Snapshot, Session, hqp.Tick]]:
     """Steps of one session at random states, goals a little off what they are."""
-    session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0, deadline=math.inf).session(
+    session = hqp.Controller(stack, hqp.Torque(loop_law=EXACT), solver=solver, price=0, deadline=math.inf).session(
         ground.robot, dt=0.001
     )
     for s in ground.states(count, seed, speed):
@@ -77,9 +77,9 @@ def _program(session: Session) -> TorqueProgram:
 
 def _rows(ground: Ground, count: int) -> Iterator[Check]:
     label, robot = ground.label, ground.robot
-    session = hqp.Controller(paper_stack(), hqp.Torque(), solver="nullspace", price=0, deadline=math.inf).session(
-        robot, dt=0.001
-    )
+    session = hqp.Controller(
+        paper_stack(), hqp.Torque(loop_law=EXACT), solver="nullspace", price=0, deadline=math.inf
+    ).session(robot, dt=0.001)
     rows, drift, forces, absolute = [], [], [], []
     for s in ground.free_states(count, SEED):
         given = references(ground, s, session.stack)
@@ -109,7 +109,7 @@ def _self_motion(ground: Ground, count: int) -> Iterator[Check]:
     hand = Position(frame="hand", law=PD(100.0, 20.0))
     actuated = Posture(joints=ground.robot.joint_names, law=SelfMotion(4.0, 4.0, 1.0), name="self")
     stack = Stack(Level(hand), Level(actuated), subject_to=HELD)
-    session = hqp.Controller(stack, hqp.Torque(), solver="nullspace", price=0, deadline=math.inf).session(
+    session = hqp.Controller(stack, hqp.Torque(loop_law=EXACT), solver="nullspace", price=0, deadline=math.inf).session(
         ground.robot, dt=0.001
     )
     off = []
@@ -168,9 +168,9 @@ def _friction(ground: Ground) -> Iterator[Check]:
         loads = []
         for extra, solver in (((), "nullspace"), (limits, "lexicographic")):
             stack = paper_stack(extra, com=com, hand=hand)
-            session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0, deadline=math.inf).session(
-                ground.robot, dt=0.001
-            )
+            session = hqp.Controller(
+                stack, hqp.Torque(loop_law=EXACT), solver=solver, price=0, deadline=math.inf
+            ).session(ground.robot, dt=0.001)
             state = ground.robot.state(s.q, s.v)
             goals = [task.at(task.value(state)) for task in (com, hand, POSTURE)]
             state = ground.robot.state(s.q, s.v)
@@ -198,7 +198,7 @@ def _refusal(ground: Ground) -> Iterator[Check]:
     refused = 0
     wrong = [_AlongTheAxle(wheel=w) for w in WHEELS]
     try:
-        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque(), price=0, deadline=math.inf).session(
+        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque(loop_law=EXACT), price=0, deadline=math.inf).session(
             ground.robot, dt=0.001
         )
     except DeclarationError as error:

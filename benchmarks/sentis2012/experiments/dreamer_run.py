@@ -22,6 +22,7 @@ from hqp.loop.session import Tick
 from hqp.robots.on_mujoco import Contacts, Plant, Sensors
 from hqp.solvers.base import Solver
 from hqp.tasks import ExternalWrench
+from tests.scenes.sentis2012 import EXACT
 
 
 class Outing:
@@ -41,7 +42,7 @@ class Outing:
         self.scene, self.choice, self._seen, self._residuals = scene, choice, seen, residuals
         self.robot = hqp.robots.load("dreamer", rotors=True)
         tasks = stack(choice)
-        formulation = hqp.Torque(gravity_compensation=True)
+        formulation = hqp.Torque(gravity_compensation=True, loop_law=EXACT)
         self.session = hqp.Controller(tasks, formulation, solver=solver, price=0, deadline=math.inf).session(
             self.robot, choice.period
         )

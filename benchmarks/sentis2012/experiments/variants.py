@@ -14,6 +14,7 @@ from benchmarks.sentis2012.experiments.human import Walk
 from benchmarks.sentis2012.experiments.measures import Measures
 from benchmarks.sentis2012.experiments.scene import Scene
 from hqp.errors import DeclarationError
+from tests.scenes.sentis2012 import EXACT
 
 NAMES = {"dreamer": "ball wheels", "dreamer_rollers": "rollers"}
 
@@ -153,7 +154,9 @@ def negatives(full: bool) -> list[Case]:
 def refusal(choice: Compliance) -> str:
     """What the library says of a stack that it refuses to compile, empty if it takes it."""
     try:
-        hqp.Controller(stack(choice), hqp.Torque(), price=0).session(hqp.robots.load("dreamer"), choice.period)
+        hqp.Controller(stack(choice), hqp.Torque(loop_law=EXACT), price=0).session(
+            hqp.robots.load("dreamer"), choice.period
+        )
     except DeclarationError as error:
         return str(error)
     return ""
