@@ -13,4 +13,6 @@ except ImportError:
 MESH_DISTANCES: bool = coal.__name__ == "coal"
 """False beside hpp-fcl 2.4, which returns 0.397 m for a sphere 0.35 m from a box of triangles, and wrong normals."""
 
-__all__ = ["MESH_DISTANCES", "coal"]
+Placement: Any = coal.Transform3s if MESH_DISTANCES else coal.Transform3f
+
+__all__ = ["MESH_DISTANCES", "Placement", "coal"]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.collision_library import coal
+from hqp.collision_library import Placement, coal
 from hqp.shapes import LinkCapsule
 
 from . import geometry
@@ -26,7 +26,7 @@ _ROUNDING = 1e-9
 _THIN = 1e-5
 _DOT = 1e-9
 _BALL, _DIRECTIONS = sphere(200), sphere(40)
-_POINT, _HERE, _REQUEST = coal.Sphere(_DOT), coal.Transform3s.Identity(), coal.DistanceRequest()
+_POINT, _HERE, _REQUEST = coal.Sphere(_DOT), Placement.Identity(), coal.DistanceRequest()
 
 Capsule = tuple[Vec, Vec, float]
 
@@ -157,7 +157,7 @@ class Room:
 
     def _away(self, point: Vec) -> float:
         result = coal.DistanceResult()
-        place = coal.Transform3s(np.eye(3), point)
+        place = Placement(np.eye(3), point)
         coal.distance(_POINT, place, self._hull, _HERE, _REQUEST, result)
         return max(float(result.min_distance) + _DOT, 0.0)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec, cross
-from hqp.collision_library import MESH_DISTANCES, coal
+from hqp.collision_library import MESH_DISTANCES, Placement, coal
 from hqp.errors import DeclarationError
 from hqp.shapes import Shape
 
@@ -55,7 +55,7 @@ def to_mesh(a: Vec, b: Vec, radius: float, geometry: Any, pose: Mat) -> Found:
     else:
         shape, turn = coal.Sphere(radius), np.eye(3)
     result = coal.DistanceResult()
-    here, there = coal.Transform3s(turn, 0.5 * (a + b)), coal.Transform3s(pose[:3, :3], pose[:3, 3])
+    here, there = Placement(turn, 0.5 * (a + b)), Placement(pose[:3, :3], pose[:3, 3])
     coal.distance(shape, here, geometry, there, _REQUEST, result)
     normal = np.array(result.normal).reshape(3)
     return float(result.min_distance), normal, np.array(result.getNearestPoint1()).reshape(3) - radius * normal

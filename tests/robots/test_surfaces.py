@@ -13,7 +13,7 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack, shapes
-from hqp.collision_library import coal
+from hqp.collision_library import Placement, coal
 from hqp.robots import capsule_files, capsules
 from hqp.tasks import CollisionAvoidance, JointLimits, Posture
 
@@ -131,14 +131,14 @@ def judge(robot: Any, found: Any, count: int = 10_000) -> None:
 
 
 def vectors(points: Any) -> Any:
-    found = coal.StdVec_Vec3s()
+    found = (coal.StdVec_Vec3s if hasattr(coal, "StdVec_Vec3s") else coal.StdVec_Vec3f)()
     found.extend(list(points))
     return found
 
 
 def distance(point: Any, hull: Any) -> float:
-    result, here = coal.DistanceResult(), coal.Transform3s(np.eye(3), point)
-    coal.distance(coal.Sphere(1e-9), here, hull, coal.Transform3s.Identity(), coal.DistanceRequest(), result)
+    result, here = coal.DistanceResult(), Placement(np.eye(3), point)
+    coal.distance(coal.Sphere(1e-9), here, hull, Placement.Identity(), coal.DistanceRequest(), result)
     return float(result.min_distance)
 
 
