@@ -303,6 +303,8 @@ class Batch:
     """nq and nv."""
     threads: int
     bytes: int
+    kind: str
+    """velocity, acceleration or torque: what a command is."""
 
     def __init__(self, file: builtins.bytes, count: int, threads: int) -> None: ...
     def step(
@@ -316,6 +318,9 @@ class Batch:
         x: Mat,
     ) -> None:
         """One tick of all worlds, without the lock of the interpreter."""
+
+    def integrate(self, q: Mat, v: Mat, dt: float, out: Mat) -> None:
+        """q after moving with v for dt [s], of all worlds."""
 
     def reset(self, world: int) -> None:
         """As just made."""

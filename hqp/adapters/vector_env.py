@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hqp.adapters.commanded import Commanded
 from hqp.adapters.gymnasium_extra import gymnasium
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
@@ -14,17 +15,23 @@ from hqp.export.batch import Batch
 from hqp.loop.controller import Controller
 from hqp.robots import Robot
 
+if TYPE_CHECKING:
+    from hqp.robots.actuators import Servo
+    from hqp.robots.on_mujoco import Actuation
+
 
 class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
     """Actions are offsets of targets from where the elements are at home, observations joint angles, rates and base.
 
     action = (offset of each target, in the order given) ``(num_envs, n)``, within ``reach`` [m, rad]; observation
-    ``(num_envs, nq + nv)``: q and v.  controller: at torque level.  robot: floating or fixed, joints of one axis.
+    ``(num_envs, nq + nv)``: q and v.  robot: floating or fixed, joints of one axis.
     targets: names of elements whose references are numbers (Position, Com).  dt: period of a tick and a step of MuJoCo
     [s]; an action is held for ``frame_skip`` ticks.  spread: spread of the joints at the start of a world [rad].
     reward: function of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: function of (q, v) with the mask of
     worlds that end; by default with a base 0.2 m lower than at home, or a state that is not finite.  The info's status
-    is the worst of those ticks.  Raises DeclarationError for another level or target, or frame_skip.
+    is the worst of those ticks.  At velocity and acceleration level position servos carry out the commands: the base
+    is measured, joints are as commanded; servo: their gains, by default those of the robot's description.  Raises
+    DeclarationError for another target, a bad frame_skip, or servos without gains.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -32,7 +39,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
     def __init__(
         self, controller: Controller, robot: Robot, targets: tuple[str, ...], num_envs: int, *, reach: float = 0.1,
         dt: float = 0.002, frame_skip: int = 10, steps: int = 200, threads: int = 0,
-        spread: float = 0.0,
+        spread: float = 0.0, servo: Servo | None = None,
         reward: Callable[[Mat, Mat, Mat], Vec] | None = None, fallen: Callable[[Mat, Mat], Any] | None = None,
     ) -> None:  # fmt: skip
         from mujoco import rollout
@@ -40,8 +47,6 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         from hqp.robots import Plant
 
         session = controller.session(robot, dt)
-        if session.program.kind != "torque":
-            raise DeclarationError("VectorEnv", "no torques", value=session.program.kind, allowed="hqp.Torque()")
         if isinstance(frame_skip, bool) or not isinstance(frame_skip, int) or frame_skip < 1:
             raise DeclarationError("VectorEnv", "frame_skip", value=frame_skip, allowed="a whole number, 1 or above")
         home = robot.state(robot.home)
@@ -54,7 +59,17 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         self.num_envs, self._skip, self._steps = num_envs, frame_skip, steps
         self._spread = spread
         self._batch = Batch(controller, robot, num_envs, dt, threads=threads)
-        self._plant, self._robot = Plant(robot, timestep=dt), robot
+        kind = session.program.kind
+        actuation: Actuation = "torque" if kind == "torque" else "position"
+        self._plant, self._robot = Plant(robot, timestep=dt, actuation=actuation, servo=servo), robot
+        self._commanded = None
+        if kind != "torque":
+            places, order = robot.positions(robot.actuated), controller.formulation.order
+            if places is None:
+                raise DeclarationError(
+                    "VectorEnv", "driven joints of several axes", value=robot.name, allowed="one axis"
+                )
+            self._commanded = Commanded(num_envs, places, robot.actuated, order, dt)
         self._reward = reward or (lambda q, v, action: np.zeros(num_envs))
         self._fallen = fallen or self._lower
         size = sum(value.size for value in self._start.values())
@@ -90,7 +105,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             at += start.size
         status = np.zeros(self.num_envs, dtype=np.int32)
         for _ in range(self._skip):
-            tick = self._batch.step(self._Q, self._V, targets)
+            seen = (self._Q, self._V) if self._commanded is None else self._commanded.seen(self._Q, self._V)
+            tick = self._batch.step(*seen, targets)
             status = np.maximum(status, tick.status)  # the worst of the ticks
             self._advance(tick.commands, ~over)
         self._count[~over] += 1
@@ -111,6 +127,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             self._Q[world] = self._robot.integrate(self._robot.home, off, 1.0)
         self._V[worlds] = 0.0
         self._count[worlds] = 0
+        if self._commanded is not None:
+            self._commanded.begin(worlds, self._Q)
 
     def _motors(self) -> Any:
         """The motor of each joint of a command."""
@@ -125,7 +143,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             return
         states = np.zeros((chosen.size, 1 + model.nq + model.nv + model.na))
         control = np.zeros((chosen.size, 1, model.nu))
-        control[:, 0, self._order] = commands[chosen]
+        control[:, 0, self._order] = commands[chosen] if self._commanded is None else self._servos(commands, chosen)
         for k, world in enumerate(chosen):
             qpos, qvel = self._plant.map.to_mujoco(self._Q[world], self._V[world])
             states[k, 1 : 1 + model.nq] = qpos
@@ -136,6 +154,15 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             self._Q[world], self._V[world] = self._plant.map.to_pinocchio(
                 now[1 : 1 + model.nq], now[1 + model.nq : 1 + model.nq + model.nv]
             )
+
+    def _servos(self, commands: Mat, worlds: Any) -> Mat:
+        """Carry out commands in these worlds; return what their servos are sent."""
+        assert self._commanded is not None
+        assert self._plant.servo is not None
+        self._commanded.take(commands, worlds)
+        return np.asarray(
+            self._commanded.angles[worlds] + self._plant.servo.damping_time * self._commanded.rates[worlds]
+        )
 
     def _lower(self, q: Mat, v: Mat) -> Any:
         bad = ~np.isfinite(q).all(axis=1) | ~np.isfinite(v).all(axis=1)

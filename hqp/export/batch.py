@@ -54,8 +54,9 @@ class Batch:
 
     A world keeps the state of a session: hold values, warm start, the last command.  Its numbers depend neither on the
     other worlds nor on threads, 0 for as many as the machine has cores, nor on time: the controller's deadline does not
-    hold here.  dt [s].  Raises the errors of ``Controller.session`` and ``Session.export``, DeclarationError for a bad
-    count.
+    hold here.  dt [s].  nq, nv, kind (``velocity``, ``acceleration`` or ``torque``, the meaning of a command),
+    joint_names of a command and home ``(nq,)`` are those of the plan.  Raises the errors of ``Controller.session`` and
+    ``Session.export``, DeclarationError for a bad count.
     """
 
     def __init__(
@@ -81,11 +82,12 @@ class Batch:
             raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number, 0 or above")
         try:
             self._native = native.Batch(file, int(count), int(threads))
-            self._one = native.Session(file)  # it moves configurations
+            one = native.Session(file)
         except (native.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
         self.count, self.threads = int(count), self._native.threads
-        self.nq, self.nv = self._native.state
+        (self.nq, self.nv), self.kind = self._native.state, self._native.kind
+        self.dt, self.joint_names, self.home = one.dt, tuple(one.joint_names), np.array(one.home)
 
     @property
     def bytes(self) -> int:
@@ -132,9 +134,7 @@ class Batch:
         if at.shape != (self.count, self.nq) or speed.shape != (self.count, self.nv):
             raise self._refused(at, speed)
         moved = np.empty_like(at)
-        period = self._one.dt if dt is None else float(dt)
-        for q, v, out in zip(at, speed, moved, strict=True):
-            self._one.integrate(q, v, period, out)
+        self._native.integrate(at, speed, self.dt if dt is None else float(dt), moved)
         return dlpack.returned(moved, dlpack.first_foreign(Q, V))
 
     def _refused(self, at: Mat, speed: Mat) -> DeclarationError:

@@ -57,9 +57,43 @@ def test_worlds_stand_end_and_begin_anew_whatever_the_threads() -> None:
     assert np.abs(obs[:, 2] - 0.78).max() < 0.01
 
 
-def test_other_levels_and_targets_are_refused() -> None:
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()])
+@pytest.mark.parametrize(("name", "frame", "far"), [("panda", "panda_hand", 5e-3), ("cbi", "r_palm", 2e-2)])
+def test_servos_carry_out_velocities_and_accelerations(
+    name: str, frame: str, far: float, formulation: hqp.Velocity
+) -> None:
+    """MuJoCo's hands arrive where the action puts them, but for the sag of the servos: an arm, and CBi on its feet."""
+    from hqp.adapters.gym import VectorEnv
+    from hqp.robots import Servo
+
+    robot = hqp.robots.load(name)
+    feet = [t.FixedContact(frame=sole) for sole in robot.landmarks.get("soles", ())]
+    levels = [t.Com(axes="xy", name="balance")] if feet else []
+    stack = Stack(
+        *map(Level, (*levels, t.Position(frame=frame, name="hand"), t.Posture())), subject_to=[*feet, t.JointLimits()]
+    )
+    servo = None if feet else Servo(other=4000.0)
+    spread = 0.0 if feet else 0.05
+    env = VectorEnv(hqp.Controller(stack, formulation), robot, ("hand",), 2, steps=200, spread=spread, servo=servo)
+    env.reset(seed=1)
+    action = np.array([[0.03, 0.0, 0.02], [0.0, 0.03, -0.02]], dtype=np.float32)
+    began = robot.state(robot.home).position(frame)
+    for _ in range(80):
+        obs, _, ended, _, info = env.step(action)
+        assert not ended.any()
+    env.close()
+    assert (info["status"] <= 1).all()
+    for world, offset in zip(obs.astype(float), action, strict=True):
+        place = robot.state(world[: robot.nq]).position(frame)
+        assert np.linalg.norm(place - began - offset) < far
+
+
+def test_targets_that_are_no_vectors_are_refused() -> None:
     from hqp.adapters.gym import VectorEnv
 
     robot = hqp.robots.load("ur5")
-    with pytest.raises(DeclarationError, match="no torques"):
+    hand = t.Pose(frame="tool0", name="hand")
+    with pytest.raises(DeclarationError, match="not a vector"):
+        VectorEnv(hqp.Controller(Stack(Level(hand))), robot, ("hand",), 2)
+    with pytest.raises(DeclarationError, match="needs gains"):
         VectorEnv(hqp.Controller(Stack(Level(t.Posture(name="posture")))), robot, ("posture",), 2)

@@ -145,6 +145,20 @@ class Worlds {
     const hqp::Line& line = batch_.session().line();
     return {line.nq(), line.nv()};
   }
+  // q + dt v of all worlds, out may be q.
+  void integrate(const Table& q, const Table& v, double dt, const OutTable& out) {
+    const hqp::Line& line = batch_.session().line();
+    const std::size_t nq = std::size_t(line.nq()), nv = std::size_t(line.nv()), count = batch_.count();
+    if (q.shape(0) != count || v.shape(0) != count || out.shape(0) != count || q.shape(1) != nq || v.shape(1) != nv ||
+        out.shape(1) != nq)
+      throw nb::value_error("an array has the wrong number of worlds or columns");
+    for (std::size_t i = 0; i < count; ++i)
+      line.kinematics()->integrate(q.data() + i * nq, v.data() + i * nv, dt, out.data() + i * nq);
+  }
+  const char* kind() {
+    const hqp::Line& line = batch_.session().line();
+    return line.torque() ? "torque" : line.order() == 1 ? "velocity" : "acceleration";
+  }
   std::size_t threads() const { return batch_.threads(); }
   std::size_t bytes() const { return batch_.bytes(); }
 
@@ -187,6 +201,8 @@ NB_MODULE(_session, module) {
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
            "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("reset", &Worlds::reset, "world"_a)
+      .def("integrate", &Worlds::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
+      .def_prop_ro("kind", &Worlds::kind)
       .def_prop_ro("sizes", &Worlds::sizes)
       .def_prop_ro("state", &Worlds::state)
       .def_prop_ro("threads", &Worlds::threads)
