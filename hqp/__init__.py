@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from hqp.problem.certify import Certificate, certificate
     from hqp.solvers.levels import solve_levels
     from hqp.solvers.many import solve_many
+    from hqp.state_map import StateMap
     from hqp.teleoperation import Follow
     from hqp.torque import Torque
     from hqp.viewer import view
@@ -68,6 +69,7 @@ __all__ = [
     "Solution",
     "Stack",
     "StateBounds",
+    "StateMap",
     "Status",
     "Task",
     "Tick",
@@ -105,6 +107,7 @@ _ELSEWHERE = {
     "Batch": "export.batch",
     "Certificate": "problem.certify",
     "Follow": "teleoperation",
+    "StateMap": "state_map",
     "Torque": "torque",
     "bench": "lab",
     "certificate": "problem.certify",

@@ -9,9 +9,9 @@ from hqp.errors import ModelError
 
 from .description import Description
 from .mjcf_names import body_names
+from .model_map import ModelMap
 from .mujoco_extra import full_inertia, mujoco
 from .releases import crba
-from .state_map import StateMap
 
 _TOLERANCE = 1e-8  # relative to the largest length, mass, or inertia
 _INERTIA = 1e-6  # of M: MuJoCo takes a centre of mass that is almost at the origin as if it were there
@@ -33,7 +33,7 @@ def check(found: Description) -> None:
         raise _off(found, "mass [kg]", mass, there)
     rng = np.random.default_rng(_SEED)
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
-    state_map, data, here = StateMap(simulated, model), mujoco.MjData(simulated), model.createData()
+    state_map, data, here = ModelMap(simulated, model), mujoco.MjData(simulated), model.createData()
     data.qpos[:] = state_map.to_mujoco(q, np.zeros(model.nv))[0]
     mujoco.mj_kinematics(simulated, data)
     mujoco.mj_comPos(simulated, data)

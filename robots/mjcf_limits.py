@@ -14,8 +14,8 @@ from . import coupled, mjcf_equalities
 from .description import Description
 from .mjcf_names import body_names, joint_names
 from .mjcf_parts import own_joints
+from .model_map import ModelMap
 from .mujoco_extra import mujoco
-from .state_map import StateMap
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _DIRECT = [int(k) for k in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
@@ -54,7 +54,7 @@ def _read_joints(simulated: Any, found: Description, own: frozenset[int]) -> Non
     if unequal:
         found.notes.append(f"unequal effort limits of a joint, using the smaller one: {_some(unequal)}")
     model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit = lower, upper, effort
-    convert = StateMap(simulated, model)
+    convert = ModelMap(simulated, model)
     rest = np.zeros(simulated.nv)
     for k in range(simulated.nkey):
         name = simulated.key(k).name or f"key_{k}"

@@ -24,14 +24,24 @@ from .actuators import Actuation, Servo, fit
 from .assembly import add_imu, find, root_of, set_armature
 from .frames import Frames
 from .ground_contact import Contacts, out_of_ground, watch
+from .model_map import ModelMap, quaternion
 from .mujoco_extra import full_inertia, mujoco
 from .rotors import rotor_inertia
 from .sensors import Noise, Reading, Sensors, rotation_vector
-from .state_map import StateMap, quaternion
 from .terrain import Bumps, Plane, Ramp, Step, Terrain, Tiles
 
 __all__ = [
-    "Bumps", "Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Step",
+    "Bumps",
+    "Contacts",
+    "ModelMap",
+    "Noise",
+    "Plane",
+    "Plant",
+    "Ramp",
+    "Reading",
+    "Sensors",
+    "Servo",
+    "Step",
     "Terrain",
     "Tiles",
 ]  # fmt: skip
@@ -95,7 +105,7 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         self._frames = Frames(self.model)
         self._gyro, self._accelerometer = (self.data.sensor(f"plant_{s}").data for s in ("gyro", "accelerometer"))
-        self.map = StateMap(self.model, robot)
+        self.map = ModelMap(self.model, robot)
         self._home: Vec | None = getattr(robot, "home", None) if path == getattr(robot, "source", None) else None
         self._root, self._site = self.model.body(root).id, self.model.site(site).id
         if self.map.floating and self.model.body_weldid[self.model.site_bodyid[self._site]] != self._root:

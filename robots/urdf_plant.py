@@ -175,10 +175,10 @@ def hull(cloud: Mat) -> tuple[Mat, Any]:
 
 
 def _exclude(spec: Any, simulated: Any, robot: Any) -> None:
-    from .state_map import StateMap
+    from .model_map import ModelMap
 
     data = mujoco.MjData(simulated)
-    data.qpos[:] = StateMap(simulated, robot).to_mujoco(robot.home, np.zeros(robot.nv))[0]
+    data.qpos[:] = ModelMap(simulated, robot).to_mujoco(robot.home, np.zeros(robot.nv))[0]
     mujoco.mj_forward(simulated, data)
     names = {int(b): simulated.body(int(b)).name for b in simulated.geom_bodyid}
     pairs = {tuple(sorted(int(simulated.geom_bodyid[g]) for g in pair)) for pair in data.contact.geom}

@@ -61,11 +61,11 @@ class MinkTask(ForeignTask):
     def _configuration(self, state: State) -> tuple[Any, Mat]:
         mink: Any = importlib.import_module("mink")
 
-        from hqp.robots.state_map import StateMap
+        from hqp.robots.model_map import ModelMap
 
         robot: Any = state.robot
         if robot not in self._held:
-            self._held[robot] = (mink.Configuration(self.model), StateMap(self.model, robot))
+            self._held[robot] = (mink.Configuration(self.model), ModelMap(self.model, robot))
         configuration, states = self._held[robot]
         qpos, _ = states.to_mujoco(state.q, np.zeros(robot.nv))
         if not np.array_equal(configuration.q, qpos):

@@ -16,8 +16,7 @@ from hqp.loop.controller import Controller
 from hqp.robots import Robot
 
 if TYPE_CHECKING:
-    from hqp.robots.actuators import Servo
-    from hqp.robots.on_mujoco import Actuation
+    from hqp.robots.actuators import Actuation, Servo
 
 
 class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]

@@ -12,7 +12,7 @@ mink = pytest.importorskip("mink")
 mujoco = pytest.importorskip("mujoco")
 
 from hqp.adapters.mink import MinkTask, solve_ik  # noqa: E402
-from hqp.robots.state_map import StateMap  # noqa: E402
+from hqp.robots.model_map import ModelMap  # noqa: E402
 
 DT = 0.005
 
@@ -25,7 +25,7 @@ def scene():
 
     robot = hqp.robots.load("cbi")
     model = mujoco.MjModel.from_xml_path(str(Path(hqp.robots.__file__).parent / "cbi" / "cbi.xml"))
-    states = StateMap(model, robot)
+    states = ModelMap(model, robot)
     qpos, _ = states.to_mujoco(robot.home, np.zeros(robot.nv))
     configuration = mink.Configuration(model, q=qpos)
     site = [model.site(i).name for i in range(model.nsite)]

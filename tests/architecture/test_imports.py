@@ -25,7 +25,7 @@ FLOORS = (
     {"errors", "markdown", "tolerances"},
     {"arrays", "collision_library", "native", "sweep", "web"},
     {"angles", "dlpack", "floating_base", "problem", "shapes"},
-    {"solvers"},
+    {"solvers", "state_map"},
     {"declare"},
     {"estimation", "programs", "sequence", "tasks"},
     {"explanation", "robots", "serial", "teleoperation", "torque"},

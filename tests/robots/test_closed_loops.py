@@ -16,7 +16,7 @@ from hqp import PD, Level, P, Stack
 from hqp.arrays import Vec
 from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
-from hqp.robots.state_map import StateMap
+from hqp.robots.model_map import ModelMap
 from tests.scenes.mechanisms import KINDS, LEADS, draw
 
 DT = 0.002
@@ -52,7 +52,7 @@ def test_loops_stay_closed(kind: str, level: str, seed: int, tmp_path: Path) -> 
     robot, simulated = load(tmp_path, kind, seed)
     live, lead = session(robot, kind, level)
     file = LoadedSession(text(live))
-    convert = StateMap(simulated, robot)
+    convert = ModelMap(simulated, robot)
     q, v = robot.home, np.zeros(robot.nv)
     columns = robot.joints(LEADS[kind])
     goal = robot.state(q).angles[columns] + np.random.default_rng(seed).uniform(-0.2, 0.2, len(columns))
@@ -73,7 +73,7 @@ def test_loops_stay_closed(kind: str, level: str, seed: int, tmp_path: Path) -> 
 def test_torques_accelerate_it_as_in_mujoco(kind: str, seed: int, tmp_path: Path) -> None:
     robot, simulated = load(tmp_path, kind, seed)
     (live, lead), (still, there) = session(robot, kind, "torque"), session(robot, kind, "velocity")
-    convert, data = StateMap(simulated, robot), mujoco.MjData(simulated)
+    convert, data = ModelMap(simulated, robot), mujoco.MjData(simulated)
     q, columns, rng = robot.home, robot.joints(LEADS[kind]), np.random.default_rng(seed)
     start = robot.state(q).angles[columns]
     for _ in range(3):
@@ -94,7 +94,7 @@ def test_torques_accelerate_it_as_in_mujoco(kind: str, seed: int, tmp_path: Path
 def test_a_simulated_mechanism_follows(kind: str, tmp_path: Path) -> None:
     robot, simulated = load(tmp_path, kind, 5)
     live, lead = session(robot, kind, "torque")
-    convert, data = StateMap(simulated, robot), mujoco.MjData(simulated)
+    convert, data = ModelMap(simulated, robot), mujoco.MjData(simulated)
     mujoco.mj_forward(simulated, data)
     columns = robot.joints(LEADS[kind])
     start = robot.state(robot.home).angles[columns]

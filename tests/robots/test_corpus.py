@@ -17,8 +17,8 @@ import hqp.robots
 from hqp import PD, Level, P, Stack
 from hqp.errors import HqpError, ModelError
 from hqp.robots import file_kind
+from hqp.robots.model_map import ModelMap
 from hqp.robots.mujoco_extra import full_inertia
-from hqp.robots.state_map import StateMap
 from hqp.tasks import JointLimits, Posture
 
 FOLDER = Path(os.environ.get("HQP_CORPUS", "build/corpus"))
@@ -52,7 +52,7 @@ class Judge:
             self.model = pin.buildModelFromUrdf(str(robot.source))
             self.data = self.model.createData()
         else:
-            self.map, self.data = StateMap(self.simulated, robot), mujoco.MjData(self.simulated)
+            self.map, self.data = ModelMap(self.simulated, robot), mujoco.MjData(self.simulated)
 
     def at(self, q: Any, v: Any) -> tuple[Any, Any]:
         """M ``(nv, nv)`` and h ``(nv,)`` in the robot's coordinates."""

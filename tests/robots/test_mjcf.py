@@ -14,9 +14,9 @@ import hqp.robots
 from hqp import PD, Level, P, Stack
 from hqp.errors import DeclarationError, ModelError, ModelWarning
 from hqp.robots import agreement, from_mjcf
+from hqp.robots.model_map import ModelMap
 from hqp.robots.mujoco_extra import full_inertia
 from hqp.robots.on_mujoco import Plant, Servo
-from hqp.robots.state_map import StateMap
 from hqp.tasks import Ball, Posture
 
 pytestmark = pytest.mark.filterwarnings("ignore:arm.xml:hqp.errors.ModelWarning")
@@ -31,7 +31,7 @@ def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
     """Beside the check at load: every body's place, M and the bias forces at states of every joint."""
     robot, simulated = hqp.robots.load(path, root=EVERY[path.stem]), mujoco.MjModel.from_xml_path(str(path))
     assert robot.nv == simulated.nv
-    data, convert = mujoco.MjData(simulated), StateMap(simulated, robot)
+    data, convert = mujoco.MjData(simulated), ModelMap(simulated, robot)
     rng = np.random.default_rng(3)
     for _ in range(5):
         q = robot.integrate(robot.home, rng.uniform(-1, 1, robot.nv), 1.0)
@@ -247,7 +247,7 @@ def test_a_gripper_on_one_tendon_has_torques(seed: int, tmp_path: Path) -> None:
     assert any("'grip'" in note or "grip" in note for note in robot.notes)
     goal = Posture(joints=["wrist", "one"], law=PD(50.0), name="goal")
     session = hqp.Controller(Stack(Level(goal)), hqp.Torque(), deadline=np.inf).session(robot, 0.002)
-    convert, data = StateMap(simulated, robot), mujoco.MjData(simulated)
+    convert, data = ModelMap(simulated, robot), mujoco.MjData(simulated)
     q = robot.home
     v = np.zeros(robot.nv)
     v[robot.joints(["wrist", "one", "two"])] = 0.3, 0.2, 0.2 * ratio

@@ -12,8 +12,8 @@ import pytest
 import hqp.robots
 from hqp import Level, P, Stack
 from hqp.errors import DeclarationError
+from hqp.robots.model_map import ModelMap
 from hqp.robots.on_mujoco import Plant
-from hqp.robots.state_map import StateMap
 from hqp.tasks import CollisionAvoidance, Com, JointLimits, Position
 
 SEEDS = range(6)
@@ -192,7 +192,7 @@ def test_the_arm_gives_way_to_an_object_that_comes(seed: int, tmp_path: Path, mo
     goal, name = robot.state(q).position("tip").copy(), "free0"
     away = {n: np.array([5.0 + k, 5.0, 5.0]) for k, n in enumerate(robot.obstacles.bodies)}
     start = goal + [0.25, 0.3, 0.1]
-    convert, least = StateMap(simulated, robot), np.inf
+    convert, least = ModelMap(simulated, robot), np.inf
     for k in range(250):
         at = start + (goal - start) * k / 150.0
         velocity = (goal - start) / 1.5

@@ -11,7 +11,7 @@ mujoco = pytest.importorskip("mujoco")
 
 import hqp.robots  # noqa: E402
 from hqp.errors import ModelError  # noqa: E402
-from hqp.robots.state_map import StateMap  # noqa: E402
+from hqp.robots.model_map import ModelMap  # noqa: E402
 
 G = '<geom type="capsule" size=".03" fromto="0 0 0 0 0 .2"/>'
 TWO = f'<body name="a"><joint name="i" axis="0 1 0"/>{G}</body><body name="b" pos="1 0 0"><joint name="j"/>{G}</body>'
@@ -119,7 +119,7 @@ def test_what_is_written_is_what_moves(name: str, tmp_path: Path) -> None:
     path = written(tmp_path, *WRITTEN[name])
     root = ("a", "b", "cube") if "cube" in name else None
     robot, simulated = hqp.robots.load(path, root=root), mujoco.MjModel.from_xml_path(str(path))
-    data, convert = mujoco.MjData(simulated), StateMap(simulated, robot)
+    data, convert = mujoco.MjData(simulated), ModelMap(simulated, robot)
     assert robot.nv == simulated.nv
     rng = np.random.default_rng(1)
     for _ in range(3):

@@ -13,7 +13,7 @@ import pytest
 import hqp.robots
 from hqp.errors import JointNotFound, ModelError
 from hqp.robots.mujoco_extra import full_inertia
-from hqp.robots.on_mujoco import Plant, StateMap
+from hqp.robots.on_mujoco import ModelMap, Plant
 
 OWN = [("cbi", "cbi"), ("dreamer", "dreamer"), ("dreamer", "dreamer_rollers"), ("dreamer", "dreamer_hinges")]
 TOLERANCE = 1e-10
@@ -153,7 +153,7 @@ SPINNER = """<mujoco><worldbody><body name="disc"><joint name="spin" axis="0 0 1
 def test_continuous_joint_has_two_numbers_in_q() -> None:
     model = pin.buildModelFromXML(CONTINUOUS)
     assert (model.nq, model.nv) == (2, 1)
-    state_map = StateMap(mujoco.MjModel.from_xml_string(SPINNER), model)
+    state_map = ModelMap(mujoco.MjModel.from_xml_string(SPINNER), model)
     qpos, qvel = state_map.to_mujoco(np.array([np.cos(2.0), np.sin(2.0)]), np.array([0.5]))
     assert qpos[0] == pytest.approx(2.0)
     assert qvel[0] == 0.5
@@ -170,7 +170,7 @@ def test_spherical_joint() -> None:
     joint = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "shoulder")
     model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
     text = SPINNER.replace('name="spin" axis="0 0 1"', 'name="shoulder" type="ball"')
-    state_map = StateMap(mujoco.MjModel.from_xml_string(text), model)
+    state_map = ModelMap(mujoco.MjModel.from_xml_string(text), model)
     q, v = pin.randomConfiguration(model, -np.ones(4), np.ones(4)), np.arange(3.0)
     qpos, qvel = state_map.to_mujoco(q, v)
     turn = np.zeros(9)
@@ -185,9 +185,9 @@ def test_spherical_joint() -> None:
 def test_models_that_do_not_fit() -> None:
     cbi = hqp.robots.load("cbi")
     with pytest.raises(ModelError, match="floating in Pinocchio and fixed"):
-        StateMap(mujoco.MjModel.from_xml_string(SPINNER), cbi)
+        ModelMap(mujoco.MjModel.from_xml_string(SPINNER), cbi)
     with pytest.raises(JointNotFound, match="spim"):
-        StateMap(mujoco.MjModel.from_xml_string(SPINNER.replace("spin", "spim")), pin.buildModelFromXML(CONTINUOUS))
+        ModelMap(mujoco.MjModel.from_xml_string(SPINNER.replace("spin", "spim")), pin.buildModelFromXML(CONTINUOUS))
     ball = SPINNER.replace('axis="0 0 1"', 'type="ball"')
     with pytest.raises(ModelError, match=r"spin.*mjJNT_BALL"):
-        StateMap(mujoco.MjModel.from_xml_string(ball), pin.buildModelFromXML(CONTINUOUS))
+        ModelMap(mujoco.MjModel.from_xml_string(ball), pin.buildModelFromXML(CONTINUOUS))

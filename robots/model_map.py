@@ -30,7 +30,7 @@ from .mujoco_extra import mujoco
 _XYZW = [1, 2, 3, 0]  # positions of Pinocchio's quaternion entries in MuJoCo's
 
 
-class StateMap:
+class ModelMap:
     """Index tables between Pinocchio's ``(q, v)`` and MuJoCo's ``(qpos, qvel)``, built once.
 
     simulated: a MjModel.  controlled: a pinocchio.Model, or a Robot that holds one.  Joints of the simulation that
