@@ -16,6 +16,7 @@ from .contact import FixedContact, PointContact
 from .coupling import JointCoupling
 from .directions import AlignAxis, Distance, LookAt
 from .edge import EdgeContact
+from .frame_speed import FrameVelocityLimits
 from .friction import CenterOfPressure, ForceLimits, FrictionCone, UnilateralContact
 from .frozen import Frozen
 from .holding_torque import HoldingTorque
@@ -54,6 +55,7 @@ __all__ = [
     "ExternalWrench",
     "FixedContact",
     "ForceLimits",
+    "FrameVelocityLimits",
     "FrictionCone",
     "Frozen",
     "Hinge",

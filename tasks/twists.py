@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hqp.arrays import Mat, cross
+from hqp.arrays import Mat, Vec, cross
 from hqp.declare.robot import State
 
 
-def twist_derivatives(state: State) -> tuple[Mat, Mat, Mat, Mat]:
+def twist_derivatives(state: State, v: Vec | None = None) -> tuple[Mat, Mat, Mat, Mat]:
     """(V, A, t', t''): velocities and drifts of the bodies ``(n, 6)``, derivatives of the joints' twists ``(6, nv)``.
+
+    v: velocity of the joints ``(nv,)``, by default that of the state.
 
     At zero acceleration a twist turns with its body: t' = V x t, t'' = A x t + V x (V x t), at the world's origin.
     """
-    robot = state.robot
+    robot, v = state.robot, state.v if v is None else v
     state.kinematics()
     twists = np.array(robot.joint_twists)
     bodies = robot.bodies
@@ -22,7 +24,7 @@ def twist_derivatives(state: State) -> tuple[Mat, Mat, Mat, Mat]:
     first, second = np.zeros_like(twists), np.zeros_like(twists)
     for i, (parent, start, count, *_) in enumerate(bodies[1:], start=1):
         own = slice(start, start + count)
-        step = twists[:, own] @ state.v[own]
+        step = twists[:, own] @ v[own]
         V[i] = V[parent] + step
         A[i] = A[parent] + _cross(V[i], step)
         first[:, own] = _cross(V[i], twists[:, own].T).T

@@ -374,6 +374,27 @@ def frozen() -> None:
     )
 
 
+def frame_speed() -> None:
+    """A hand of Panda that reaches a far goal, free and in reduced-speed mode."""
+    figure, axes = plt.subplots(figsize=(4.2, 2.8))
+    hand = t.Position(frame="panda_hand", name="hand")
+    goal = [hand.at(PANDA.state().position("panda_hand") + [0.1, 0.4, 0.1])]
+    for label, more in (
+        ("without", []),
+        ("linear = 0.25", [t.FrameVelocityLimits(frame="panda_hand", linear=0.25)]),
+    ):
+        stack = Stack(Level(hand), posture(), subject_to=[t.JointLimits(), *more])
+        speed = run(
+            PANDA,
+            stack,
+            goal,
+            2.5,
+            lambda s, _: np.linalg.norm(s.velocity("panda_hand")[:3]),
+        )
+        panel(axes, speed, label)
+    finish(figure, "frame_speed", (axes, "speed of the hand [m/s]"))
+
+
 def motors() -> None:
     """Torque over speed of a joint that is driven hard, and the line it stays under."""
     figure, axes = plt.subplots(figsize=(4.2, 2.8))
@@ -686,7 +707,7 @@ def compliance() -> None:
 
 
 ALL = (
-    compliance, balance, within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, balls,
+    compliance, balance, within, support_polygon, directions, distance, weld, rates, manipulability, frozen, frame_speed, motors, balls,
     joint_torque, holding, loads,
 )  # fmt: skip
 

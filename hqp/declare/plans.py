@@ -378,6 +378,21 @@ class Momentum(_Counted):
 
 
 @dataclass(frozen=True, eq=False)
+class FrameSpeed:
+    """Bounds on a frame's velocity and angular velocity along unit vectors in its axes, infinite for none.
+
+    rate: see FrameVelocityLimits.  No reference.
+    """
+
+    frame: Frame
+    normals: tuple[tuple[float, ...], ...]
+    linear: float
+    angular: float
+    rate: float
+    shape: tuple[int, ...] = field(default=(), init=False)
+
+
+@dataclass(frozen=True, eq=False)
 class Payload:
     """A point mass on a frame; value: mass and where in the frame's axes ``(4,)``."""
 
@@ -410,7 +425,7 @@ class KineticEnergy(_Counted):
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Hinge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
     | Still | Steady | Prescribed | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
-    | Balance | HoldingTorque | Momentum | KineticEnergy | Payload | ExternalWrench
+    | Balance | HoldingTorque | Momentum | KineticEnergy | FrameSpeed | Payload | ExternalWrench
 )  # fmt: skip
 
 

@@ -106,6 +106,11 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             t.PrescribedMotion(joints=b, weight=2.0),
         ],
         "BaseVelocityLimits": [t.BaseVelocityLimits(linear=0.5, angular=2.0)],
+        "FrameVelocityLimits": [
+            t.FrameVelocityLimits(frame=f),
+            t.FrameVelocityLimits(frame=f, linear=0.5, angular=1.0, rate=50.0),
+            t.FrameVelocityLimits(frame=f, linear=math.inf, angular=1.0),
+        ],
         "Within": [
             t.Within(t.Position(frame=f), upper=0.3),
             t.Within(t.Position(frame=f, axes="zx", relative_to=o), lower=(-0.2, 0.1), upper=(0.5, math.inf)),
@@ -135,7 +140,15 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
     }
 
 
-NOWHERE = (t.JointVelocity, t.LowAcceleration, t.Damping, t.Momentum, t.BaseVelocityLimits, t.PrescribedMotion)
+NOWHERE = (
+    t.JointVelocity,
+    t.LowAcceleration,
+    t.Damping,
+    t.Momentum,
+    t.BaseVelocityLimits,
+    t.PrescribedMotion,
+    t.FrameVelocityLimits,
+)
 """Elements on velocities that are no rate of anything: see test_motion.py."""
 
 
@@ -234,7 +247,7 @@ def test_derivatives(robots: dict[str, Any], robot_name: str, name: str, k: int,
         steer = (target.value,) if element.steered and target.value is not None else ()
         state = robot.state(q, v)
         J = written(element, state, target).J
-        if isinstance(element, (Task, t.Within, t.Cone, t.SupportPolygon)):
+        if isinstance(element, (Task, t.Within, t.Cone, t.SupportPolygon, t.FrameVelocityLimits)):
             _check_drift(robot, element, q, v, element.drift(state, *steer).copy(), steer)
         if not isinstance(getattr(element, "task", element), NOWHERE):
             _check_jacobian(robot, element, q, J)

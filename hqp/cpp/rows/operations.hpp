@@ -10,6 +10,7 @@
 #include "balance.hpp"
 #include "collision.hpp"
 #include "com.hpp"
+#include "frame_speed.hpp"
 #include "frames.hpp"
 #include "holding_torque.hpp"
 #include "kinetic_energy.hpp"
@@ -116,6 +117,7 @@ class Operations {
       fits(1, 9);
       return std::make_unique<Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(dt_), order_);
     }
+    if (name == "FrameSpeed") return frame_speed(p, out, fixed());
     if (name == "SupportPolygon") return support_polygon(p, out);
     if (name == "Balance") return balance(p, out);
     if (name == "Collision") {
@@ -159,6 +161,17 @@ class Operations {
     Made task = make(p.part("task"), inner);
     return std::make_unique<Within>(out, std::move(own), std::move(task), std::move(low),
                                     p.numbers("upper", std::size_t(m)), p.barrier(dt_), rates, turn, nv, order_);
+  }
+
+  template <class Plan>
+  Made frame_speed(const Plan& p, const Target& out, Rows rows) {
+    tree_.need_motions();
+    std::vector<Vec3> normals;
+    for (const Plan& one : p.parts("normals")) normals.push_back(vector(one.numbers()));
+    const double linear = p.number("linear"), angular = p.number("angular");
+    fit(out, normals.size() * (std::size_t(std::isfinite(linear)) + std::size_t(std::isfinite(angular))), 0);
+    return std::make_unique<FrameSpeed>(std::move(rows), std::move(normals), linear, angular, p.number("rate"), dt_,
+                                        order_);
   }
 
   std::unique_ptr<Com> centre(const Target& inner) {
