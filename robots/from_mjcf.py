@@ -22,6 +22,7 @@ from hqp.errors import DeclarationError, ModelError
 from . import mjcf_limits, mjcf_obstacles, mjcf_parts
 from .description import LARGEST, Description, require_room
 from .mjcf_names import body_names, joint_names, site_name
+from .mjcf_size import check_bodies
 from .mujoco_extra import mujoco
 
 _FREE, _BALL, _SLIDE, _HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{k}")) for k in ("FREE", "BALL", "SLIDE", "HINGE"))
@@ -48,6 +49,7 @@ def compiled(path: Path, floating: bool | None = None, root: str | Sequence[str]
 
 def parsed(path: Path) -> Any:
     """The file as a MjSpec; raises ModelError."""
+    check_bodies(path)
     try:
         if path.suffix == ".xml":
             return mujoco.MjSpec.from_file(str(path.absolute()))

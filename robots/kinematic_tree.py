@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from .joints import matrix
-
 if TYPE_CHECKING:
     from hqp.declare.robot import Placed, TreeJoint
 
@@ -26,16 +24,16 @@ WHOLE = {
 def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
     """One for each body but the world; None where a joint is a screw, whose turn and slide are one coordinate."""
     model, found = robot.model, []
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    columns = matrix(data.J)
+    neutral = pin.neutral(model)
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.joints[i].shortname()
         kind, axis = WHOLE.get(name), np.array([0.0, 0.0, 1.0])
         if kind is None:
             if joint.nv != 1 or name == "JointModelComposite":
                 return None
-            twist = data.oMi[i].actInv(pin.Motion(columns[:, joint.idx_v]))
+            own = joint.createData()
+            joint.calc(own, neutral)
+            twist = pin.Motion(np.asarray(own.S, dtype=np.float64).reshape(6))
             if np.any(twist.linear != 0.0) and np.any(np.abs(twist.angular) > 1e-12):
                 return None  # a screw
             turns = bool(np.any(np.abs(twist.angular) > 1e-12))

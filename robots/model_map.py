@@ -181,8 +181,9 @@ class ModelMap:
 
 def _axis(model: Any, index: int) -> Vec:
     """Axle of a single-axis joint in its parent's axes, ``(3,)``."""
-    J = pin.computeJointJacobian(model, model.createData(), pin.neutral(model), index)
-    return np.asarray(model.jointPlacements[index].rotation @ J[3:, model.joints[index].idx_v], dtype=np.float64)
+    own = model.joints[index].createData()
+    model.joints[index].calc(own, pin.neutral(model))
+    return np.asarray(model.jointPlacements[index].rotation @ np.ravel(own.S)[3:], dtype=np.float64)
 
 
 def _rotation(wxyz: Vec) -> Mat:
