@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,8 @@ from hqp.arrays import Vec
 from hqp.declare.element import Task
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
+from hqp.explanation.notes import Note
+from hqp.explanation.words import BINDS, OUT_OF_REACH, PRICE
 from hqp.loop.tick import Stuck
 from hqp.problem import Status
 
@@ -40,12 +43,20 @@ NEAR = 0.02
 NAMED = 4
 """So many joints at a limit are named."""
 
+PROGRESS, WAIT = 0.05, 1.0
+"""A task that lacks most of its demand and comes nearer by less than this share in this time [s] is held."""
+
+
+NOTHING = "", 0.0, ""
+"""No task: its name, how far it is off, and the unit."""
+
 
 class StuckWatch:
     """Looks twenty times a second whether a task with a reference is off and stays there with the robot at rest.
 
     After half a second of that a thread looks for a posture that meets the task's level, and leaves those above as they
-    are; while there is one and nothing moves, every tick has a note.  on: False looks for nothing.
+    are; while there is one and nothing moves, every tick has a note.  A task without such a posture that comes less
+    than 5 % nearer in a second has a note with the rows that hold it.  on: False looks for nothing.
     """
 
     def __init__(self, stack: Stack, dt: float, on: bool = True) -> None:
@@ -61,7 +72,9 @@ class StuckWatch:
         """The tick of the next look; 0 while there is a note."""
         self._next, self._looks, self._name, self._begin = self._period, 0, "", 0.0
         self._query: Query | None = None
-        self._note: Stuck | None = None
+        self._note: Note | None = None
+        self._slow, self._since, self._from, self._waits = "", 0, 0.0, 0
+        self._holding: Note | None = None
 
     def look(self, line: Line, tick: Tick) -> None:
         """Look at the latest tick, and give it a note where a task is stuck."""
@@ -75,7 +88,28 @@ class StuckWatch:
             tick.add((self._note,))
 
     def _decide(self, line: Line, tick: Tick) -> None:
-        name, off, unit = self._off(line, tick)
+        """Set or clear the note: a way out where one is known, else what holds the task."""
+        lacking = self._off(line, tick)
+        self._decide_stuck(line, tick, *(lacking if self._rests(line, tick) else NOTHING))
+        held = self._held(line, tick, *lacking)
+        if not isinstance(self._note, Stuck):
+            self._note = held
+
+    def _held(self, line: Line, tick: Tick, name: str, off: float, unit: str) -> Note | None:
+        """A note on a task that has come no nearer for a second, with the rows in its way; None before."""
+        if name != self._slow or off < (1.0 - PROGRESS) * self._from:
+            self._slow, self._since, self._from = name, tick.count, off
+        waits = int((tick.count - self._since) * line.dt / WAIT) if name else 0
+        if waits != self._waits:
+            self._waits, self._holding = waits, None
+            holders = _holders(line, tick, name) if waits else ""
+            if holders:
+                nearer = max(100.0 * (1.0 - off / self._from), 0.0)
+                far = f"{off:.2g} {unit} from its target and came {nearer:.1f} % nearer in {waits * WAIT:g} s"
+                self._holding = Note(name, Status.OPTIMAL, f"HELD: {name} is {far}; {holders}")
+        return self._holding
+
+    def _decide_stuck(self, line: Line, tick: Tick, name: str, off: float, unit: str) -> None:
         if not name or name != self._name:
             self._name, self._looks, self._begin, self._note = name, 0, off, None
             return
@@ -100,10 +134,10 @@ class StuckWatch:
             self._note = Stuck(name, Status.OPTIMAL, "; ".join(told), self._query.posture)
 
     def _off(self, line: Line, tick: Tick) -> tuple[str, float, str]:
-        """The first task by level that is off and does not move, how far [m or rad], its unit; "" for none."""
+        """The first task by level that is off and lacks most of its demand, how far [m or rad], its unit."""
         solved = tick.solved()
-        if solved is None or not self._rests(line, tick):
-            return "", 0.0, ""
+        if solved is None:
+            return NOTHING
         w, given = solved[0], frozenset(line.names)
         program = line.program
         starts = np.cumsum([0, *(rows.m for rows in program.problem.levels)]).tolist()
@@ -111,22 +145,26 @@ class StuckWatch:
             if name not in given or name not in program.places:
                 continue
             place = program.places[name]
-            rows, begin = program.problem.levels[place.level], starts[place.level]
-            asked = rows.lower[place.part]
+            begin, member = starts[place.level], program.assembly.members[name]
+            asked = program.assembly.lower[member.part]
             lacks = w[begin + place.part.start : begin + place.part.stop]
             if float(lacks @ lacks) < LACKING**2 * float(asked @ asked):
                 continue
-            error = program.assembly.members[name].views.error
+            error = member.views.error
             for part, most, unit in zip(parts(task, error), OFF, ("m", "rad"), strict=True):
                 far = math.sqrt(float(part @ part))
                 if far > most:
                     return name, far, unit
-        return "", 0.0, ""
+        return NOTHING
 
     @staticmethod
     def _rests(line: Line, tick: Tick) -> bool:
         v = tick.x if line.velocity else tick.state.v
         return bool(np.abs(v).max(initial=0.0) < STILL)
+
+
+AT_BOUND = 1e-4
+"""A row this near to its bound, relative to its size, is at it: a price keeps answers that near."""
 
 
 def parts(task: Task, error: Vec) -> tuple[Vec, Vec]:
@@ -147,3 +185,29 @@ def at_limits(robot: Robot, state: State) -> tuple[str, ...]:
         for i in nearest[:NAMED]
     )
     return (told + (f" and {len(nearest) - NAMED} more" if len(nearest) > NAMED else ""),) if told else ()
+
+
+def _holders(line: Line, tick: Tick, name: str) -> str:
+    """Elements that hold a task, with their rows at a bound, in words; "" if another note has told that none does."""
+    account = line.account(tick)
+    losses = [loss for loss in account.losses(name) if loss.share >= BINDS and loss.element != PRICE][:NAMED]
+    if not losses:
+        noted = any(note.element == name for note in tick.notes)
+        return "" if noted else OUT_OF_REACH if account.cause(name) == "out of reach" else "no other element holds it"
+    solved = tick.solved()
+    assert solved is not None
+    return "held by " + ", ".join(
+        str(replace(loss, rows=_at_bounds(line, loss.element, solved[1]))) for loss in losses
+    )
+
+
+def _at_bounds(line: Line, name: str, x: Vec) -> tuple[str, ...]:
+    """Rows of an inequality that an answer x brings to a bound, by name and side; none of other elements."""
+    place = line.program.places.get(name)
+    if place is None or place.element.equality:
+        return ()
+    rows, names = line.program.problem.levels[place.level], place.element.row_names(line.robot)
+    value, low, high = rows.dense(x.size)[place.part] @ x, rows.lower[place.part], rows.upper[place.part]
+    near = AT_BOUND * (1.0 + np.abs(value))
+    sides = np.where(value > high - near, " upper", np.where(value < low + near, " lower", "")).tolist()
+    return tuple((names[i] if i < len(names) else f"row {i}") + side for i, side in enumerate(sides) if side)
