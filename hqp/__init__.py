@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hqp import errors, estimation, recorder, robots, serial, shapes, sweep, tasks
     from hqp.comparison import compare
     from hqp.declare.checking import check
+    from hqp.declare.fingerprint import fingerprint
     from hqp.explanation.conflict import conflict
     from hqp.export.batch import Batch
     from hqp.export.loaded import load
@@ -82,6 +83,7 @@ __all__ = [
     "conflict",
     "errors",
     "estimation",
+    "fingerprint",
     "load",
     "reach",
     "recorder",
@@ -114,6 +116,7 @@ _ELSEWHERE = {
     "check": "declare.checking",
     "compare": "comparison",
     "conflict": "explanation.conflict",
+    "fingerprint": "declare.fingerprint",
     "load": "export.loaded",
     "reach": "goals",
     "retarget": "motion",

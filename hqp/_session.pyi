@@ -23,13 +23,14 @@ class Session:
     nv: int
     dt: float
     robot: str
+    fingerprint: str
     names: Sequence[str]
     joint_names: Sequence[str]
     home: Sequence[float]
     sizes: tuple[int, int, int]
     """Numbers of a command, of x, and levels."""
 
-    def __init__(self, file: bytes) -> None: ...
+    def __init__(self, file: bytes, key: bytes) -> None: ...
     def step(
         self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec, time: float | None, now: float
     ) -> tuple[int, int, list[tuple[str, int, str]]]:
@@ -306,7 +307,7 @@ class Batch:
     kind: str
     """velocity, acceleration or torque: what a command is."""
 
-    def __init__(self, file: builtins.bytes, count: int, threads: int) -> None: ...
+    def __init__(self, file: builtins.bytes, count: int, threads: int, key: builtins.bytes) -> None: ...
     def step(
         self,
         q: Mat,

@@ -67,22 +67,24 @@ class Batch:
         self._make(text(controller.session(robot, dt)), count, threads)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0) -> Batch:
-        """Worlds of a plan's file, without the robot's model; raises HqpError as ``hqp.load``."""
+    def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Batch:
+        """Worlds of a plan's file, without the robot's model; key and errors as of ``hqp.load``."""
         found = object.__new__(cls)
-        found._make(Path(path).read_bytes(), count, threads)
+        found._make(Path(path).read_bytes(), count, threads, key)
         return found
 
-    def _make(self, file: bytes, count: int, threads: int) -> None:
+    def _make(self, file: bytes, count: int, threads: int, key: bytes | None = None) -> None:
         from hqp import _session as native
+        from hqp.loop.file import key_bytes
 
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
             raise DeclarationError("Batch", "count", value=count, allowed="a whole number, 1 or above")
         if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
             raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number, 0 or above")
+        secret = key_bytes(key)
         try:
-            self._native = native.Batch(file, int(count), int(threads))
-            one = native.Session(file)
+            self._native = native.Batch(file, int(count), int(threads), secret)
+            one = native.Session(file, b"")
         except (native.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
         self.count, self.threads = int(count), self._native.threads

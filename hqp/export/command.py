@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 
 from hqp.commands.arguments import add_stack, read_stack
 
@@ -17,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--deadline", type=float, metavar="S", help="deadline of a tick [s], 0 for none; default 0.8 dt"
     )
+    parser.add_argument("--key", metavar="FILE", help="file with the key of the site, to sign the plan")
     parser.add_argument("--output", "-o", metavar="FILE.hqp", required=True, help="plan file to write")
 
 
@@ -28,6 +30,7 @@ def execute(arguments: argparse.Namespace) -> int:
     stack, robot, formulation = read_stack(arguments)
     deadline = None if arguments.deadline is None else arguments.deadline or math.inf
     session = Controller(stack, formulation, deadline=deadline).session(robot, arguments.dt)
-    session.export(arguments.output, serial.load_phases(arguments.stack))
+    key = None if arguments.key is None else Path(arguments.key).read_bytes()
+    session.export(arguments.output, serial.load_phases(arguments.stack), key=key)
     print(f"{arguments.output}: {len(tuple(session.stack))} elements on {robot.name}")
     return 0

@@ -12,8 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
+from hqp.declare.fingerprint import fingerprint
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, HqpError, UnknownReference, closest
 from hqp.explanation.notes import STATUSES, Note, of_native
+from hqp.loop.file import key_bytes
 from hqp.problem import Status
 
 VALUE, VELOCITY, ACCELERATION, NORMAL, LOAD, HOLD = range(6)
@@ -40,17 +43,20 @@ class LoadedTick:
 class LoadedSession:
     """The native session of a plan.  One thread at a time.
 
-    names: elements that take a reference.
+    names: elements that take a reference.  fingerprint: of the robot that the plan was written for, as
+    ``hqp.fingerprint`` gives it.  key: of the site, see ``load``.
     """
 
-    def __init__(self, file: bytes) -> None:
+    def __init__(self, file: bytes, key: bytes | None = None) -> None:
         from hqp import _session as native
 
+        secret = key_bytes(key)
         try:
-            self._native = native.Session(file)
+            self._native = native.Session(file, secret)
         except (native.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
         self.robot, self.dt = self._native.robot, self._native.dt
+        self.fingerprint = self._native.fingerprint
         self.nq, self.nv = self._native.nq, self._native.nv
         self.joint_names, self.names = tuple(self._native.joint_names), tuple(self._native.names)
         self._index = {name: k for k, name in enumerate(self.names)}
@@ -147,6 +153,17 @@ class LoadedSession:
         self._native.reset()
 
 
-def load(path: str | os.PathLike[str]) -> LoadedSession:
-    """The session of a file that ``Session.export`` wrote; raises HqpError for a file of another version."""
-    return LoadedSession(Path(path).read_bytes())
+def load(path: str | os.PathLike[str], *, key: bytes | None = None, robot: Robot | None = None) -> LoadedSession:
+    """The session of a file that ``Session.export`` wrote.
+
+    key: of the site; with it a file that was not signed with that key is refused, and one that was changed.  robot:
+    that is to move; a plan for another one, by joint names, limits and masses, is refused.  Raises HqpError for these,
+    for a damaged file and for one of another version.
+    """
+    session = LoadedSession(Path(path).read_bytes(), key)
+    if robot is not None and session.fingerprint != (own := fingerprint(robot)):
+        raise HqpError(
+            f"the plan was written for another robot: it has fingerprint {session.fingerprint[:12]} ({session.robot}), "
+            f"this one {own[:12]} ({robot.name}); their joint names, limits or masses differ: export the plan anew"
+        )
+    return session

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hqp.arrays import Vec
 from hqp.declare.element import Constraint, Element, Inequality, has
+from hqp.declare.fingerprint import fingerprint
 from hqp.declare.plans import Constant
 from hqp.declare.robot import Robot, State
 from hqp.declare.safety import Braking, StateBounds
@@ -114,6 +115,7 @@ def _phases(compiled: Compiled, laws: Mapping[str, Mapping[str, Law]]) -> dict[s
 def _robot(robot: Robot) -> dict[str, Any]:
     return {
         "name": robot.name,
+        "fingerprint": fingerprint(robot),
         "nq": robot.nq,
         "nv": robot.nv,
         "floating": robot.floating,

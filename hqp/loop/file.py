@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hmac
 import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import hqp
+from hqp.errors import DeclarationError
 from hqp.loop.arrays import plain
 from hqp.loop.document import document
 
@@ -19,20 +21,32 @@ FORMAT = 1
 """Changes with what a file means."""
 
 
-def text(session: Session, sequence: Sequence | None = None) -> bytes:
-    """The whole file of a session: the same bytes for the same declarations."""
+def text(session: Session, sequence: Sequence | None = None, key: bytes | None = None) -> bytes:
+    """The whole file of a session: the same bytes for the same declarations; signed with a key."""
+    secret = key_bytes(key)
     tree, scratch = document(session, sequence)
     found, buffers = plain(tree, scratch)
     body = json.dumps({**found, "buffers": buffers}, separators=(",", ":"), allow_nan=False).encode()
-    head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}\n"
-    return head.encode() + body
+    head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}"
+    signature = f", hmac {hmac.digest(secret, body, 'sha256').hex()}" if secret else ""
+    return f"{head}{signature}\n".encode() + body
 
 
-def write(session: Session, path: str | os.PathLike[str], sequence: Sequence | None = None) -> None:
+def key_bytes(key: bytes | None) -> bytes:
+    """The key of a site, empty for None; raises DeclarationError for anything but some bytes."""
+    if key is not None and (not isinstance(key, bytes) or not key):
+        kind = "empty" if key == b"" else type(key).__name__
+        raise DeclarationError("plan", "bad key", value=kind, allowed="bytes, at least one, or None")
+    return key or b""
+
+
+def write(
+    session: Session, path: str | os.PathLike[str], sequence: Sequence | None = None, key: bytes | None = None
+) -> None:
     """Write the file of a session, all of it or nothing."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
-    beside.write_bytes(text(session, sequence))
+    beside.write_bytes(text(session, sequence, key))
     os.replace(beside, target)
 
 

@@ -289,16 +289,18 @@ class Session:
         """The stack at work, compiled anew on another robot of the kind."""
         return Compiler(self.controller, robot, self.dt, self._guards).compile(self.stack)
 
-    def export(self, path: str | Path, sequence: Sequence | None = None) -> None:
+    def export(self, path: str | Path, sequence: Sequence | None = None, *, key: bytes | None = None) -> None:
         """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
 
-        sequence: whose phases and laws the file has as well, not its events.  Hold values, the warm start and
-        references are none of it: a session of the file begins as a new one does.  Raises DeclarationError for an
-        element or a solver without native code, by its name (docs/plan_file.md), and what ``Sequence.run`` raises.
+        sequence: whose phases and laws the file has as well, not its events.  key: signs the file (HMAC-SHA-256), so
+        that ``hqp.load`` with the same key refuses files that were changed or come from elsewhere.  Hold values, the
+        warm start and references are none of it: a session of the file begins as a new one does.  Raises
+        DeclarationError for a bad key, and for an element or a solver without native code, by its name
+        (docs/plan_file.md), and what ``Sequence.run`` raises.
         """
         from hqp.loop.file import write
 
-        write(self, path, sequence)
+        write(self, path, sequence, key)
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""

@@ -25,10 +25,12 @@ using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::
 using Out = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Told = std::tuple<std::string, int, std::string>;  // element, status, text
 
+std::string text(const nb::bytes& given) { return {given.c_str(), given.size()}; }
+
 class Session {
  public:
-  explicit Session(const nb::bytes& file)
-      : session_(std::make_shared<const hqp::Plan>(std::string(file.c_str(), file.size()))) {
+  explicit Session(const nb::bytes& file, const nb::bytes& key)
+      : session_(std::make_shared<const hqp::Plan>(text(file), text(key))) {
     for (const std::string& name : session_.names()) references_.push_back(session_.reference(name));
   }
 
@@ -102,8 +104,8 @@ using Statuses = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device
 
 class Worlds {
  public:
-  Worlds(const nb::bytes& file, std::size_t count, std::size_t threads)
-      : batch_(std::make_shared<const hqp::Plan>(std::string(file.c_str(), file.size())), count, threads) {}
+  Worlds(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
+      : batch_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
   Worlds(const Worlds&) = delete;
 
   void step(const Table& q, const Table& v, const std::vector<std::tuple<std::string, int, Table>>& targets,
@@ -197,7 +199,8 @@ NB_MODULE(_session, module) {
       .def_prop_ro("deadline", &binding::LiveSession::deadline)
       .def_prop_ro("margin", &binding::LiveSession::margin);
   nb::class_<Worlds>(module, "Batch")
-      .def(nb::init<const nb::bytes&, std::size_t, std::size_t>(), "file"_a, "count"_a, "threads"_a)
+      .def(nb::init<const nb::bytes&, std::size_t, std::size_t, const nb::bytes&>(), "file"_a, "count"_a, "threads"_a,
+           "key"_a)
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
            "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("reset", &Worlds::reset, "world"_a)
@@ -208,7 +211,7 @@ NB_MODULE(_session, module) {
       .def_prop_ro("threads", &Worlds::threads)
       .def_prop_ro("bytes", &Worlds::bytes);
   nb::class_<Session>(module, "Session")
-      .def(nb::init<const nb::bytes&>(), "file"_a)
+      .def(nb::init<const nb::bytes&, const nb::bytes&>(), "file"_a, "key"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert(),
            "time"_a.none(), "now"_a)
       .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
@@ -220,6 +223,7 @@ NB_MODULE(_session, module) {
       .def_prop_ro("sizes", &Session::sizes)
       .def_prop_ro("names", &Session::names)
       .def_prop_ro("robot", [](const Session& s) { return s.get().robot(); })
+      .def_prop_ro("fingerprint", [](const Session& s) { return s.get().fingerprint(); })
       .def_prop_ro("joint_names", [](const Session& s) { return s.get().joint_names(); })
       .def_prop_ro("home", [](const Session& s) { return s.get().home(); })
       .def_prop_ro("nq", [](const Session& s) { return s.get().nq(); })

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "../common/sha256.hpp"
 #include "json.hpp"
 #include "version.hpp"
 
@@ -17,8 +18,9 @@ namespace hqp {
 
 class Plan {
  public:
-  // The bytes of a file; refuses those of another format or version, cut short or changed.
-  explicit Plan(const std::string& file) {
+  // The bytes of a file; refuses those of another format or version, cut short or changed, and with a key those that
+  // were not signed with it.
+  explicit Plan(const std::string& file, const std::string& key = "") {
     const std::size_t line = file.find('\n');
     if (file.compare(0, 9, "hqp plan,") != 0 || line == std::string::npos || line > 200)
       throw PlanError("not a plan file of hqp: it must begin with 'hqp plan,'; write one by hqp export");
@@ -36,9 +38,17 @@ class Plan {
     const std::string own = hash(body);
     if (told(head, "hash ") != own)
       throw PlanError("the plan was changed after it was written: its hash differs; export it anew");
-    if (head != "hqp plan, format " + std::to_string(kFormat) + ", version " + kVersion + ", size " +
-                    std::to_string(body.size()) + ", hash " + own)
-      throw PlanError("the plan was changed: its first line must have format, version, size and hash only");
+    const std::string plain = "hqp plan, format " + std::to_string(kFormat) + ", version " + kVersion + ", size " +
+                              std::to_string(body.size()) + ", hash " + own;
+    const std::string signature = told(head, "hmac ");
+    const bool bare = head == plain, hexadecimal = signature.find_first_not_of("0123456789abcdef") == std::string::npos;
+    if (!bare && !(head == plain + ", hmac " + signature && signature.size() == 64 && hexadecimal))
+      throw PlanError("the plan was changed: its first line must have format, version, size, hash and hmac only");
+    if (!key.empty() && bare)
+      throw PlanError("the plan is not signed, but a key is given: export it with that key, or load it without one");
+    if (!key.empty() && !same(signature, hmac(key, body)))
+      throw PlanError(
+          "the plan was signed with another key or changed after it: export it anew with the key of this site");
     root_ = JsonReader(body).read();
     lay_out();
   }
@@ -48,6 +58,7 @@ class Plan {
     std::size_t at, size;  // its first byte in the image, and its items
   };
   const Json& root() const { return root_; }
+  const std::string& fingerprint() const { return root_["robot"]["fingerprint"].text; }
   const std::vector<Buffer>& buffers() const { return buffers_; }
   const std::vector<double>& image() const { return image_; }  // the first contents of all buffers
   static std::size_t width(char type) { return type == 'b' ? 1 : type == 'i' ? 4 : 8; }
@@ -129,10 +140,10 @@ class Plan {
 };
 
 // The plan of a file; throws PlanError with a sentence.
-inline std::shared_ptr<const Plan> read_plan(const std::string& path) {
+inline std::shared_ptr<const Plan> read_plan(const std::string& path, const std::string& key = "") {
   std::ifstream file(path, std::ios::binary);
   if (!file) throw PlanError("cannot open the file " + path);
-  return std::make_shared<const Plan>(std::string(std::istreambuf_iterator<char>(file), {}));
+  return std::make_shared<const Plan>(std::string(std::istreambuf_iterator<char>(file), {}), key);
 }
 
 }  // namespace hqp

@@ -122,7 +122,8 @@ const std::vector<double>& Reference::held() const {
 }
 const std::string& Reference::name() const { return session_->line().members()[member_].name; }
 
-Session::Session(std::shared_ptr<const Plan> plan) : guarded_(Guarded::made(FileSource(std::move(plan)))) {}
+Session::Session(std::shared_ptr<const Plan> plan)
+    : guarded_(Guarded::made(FileSource(plan))), fingerprint_(plan->fingerprint()) {}
 Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;
@@ -156,7 +157,7 @@ std::vector<std::string> Session::names() const {
 }
 const std::vector<double>& Session::home() const { return guarded_->robot().home; }
 
-std::shared_ptr<const Plan> read(const std::string& path) { return read_plan(path); }
-Session load(const std::string& path) { return Session(read(path)); }
+std::shared_ptr<const Plan> read(const std::string& path, const std::string& key) { return read_plan(path, key); }
+Session load(const std::string& path, const std::string& key) { return Session(read(path, key)); }
 
 }  // namespace hqp

@@ -118,17 +118,22 @@ class Session {
   int nv() const;
   double dt() const;
   const std::string& robot() const;
+  // Of joint names, limits and masses of the robot that the plan was written for: compare it with Python's
+  // hqp.fingerprint(robot) of the robot that is to move, before the loop.
+  const std::string& fingerprint() const { return fingerprint_; }
   const std::vector<std::string>& joint_names() const;  // of a command
   std::vector<std::string> names() const;               // of elements that take a reference
   const std::vector<double>& home() const;              // (nq)
 
  private:
   std::unique_ptr<Guarded> guarded_;
+  std::string fingerprint_;
 };
 
-// A plan from its file, to be shared by sessions; throws PlanError with a sentence.
-std::shared_ptr<const Plan> read(const std::string& path);
+// A plan from its file, to be shared by sessions; throws PlanError with a sentence. With a key it refuses a file that
+// was not signed with that key (HMAC-SHA-256).
+std::shared_ptr<const Plan> read(const std::string& path, const std::string& key = "");
 // A session of its own from a file.
-Session load(const std::string& path);
+Session load(const std::string& path, const std::string& key = "");
 
 }  // namespace hqp
