@@ -94,6 +94,8 @@ class Line:
         self.hold(self._given)
         if before is not None:
             self.native.follow(before.native)
+            if before.transition is not None and before.latest is not None:  # whose own lines sent it
+                self.native.alone(before.x)
             self.latest, self.named = before.latest, before.named
             self.held, self.good, self.begun = before.held, before.good, False
             self.callbacks.last_good = before.callbacks.last_good
@@ -282,8 +284,9 @@ class Line:
                 notes, limits = notes[:plain], notes[plain:]
         self.begun = True
         before, self.latest = self.latest, record
+        solution, self.callbacks.solution = self.callbacks.solution, None  # of this tick alone
         tick = _new(Tick)
-        tick.__init__(self, state, before, record, start, self.callbacks.solution, status, notes, held)  # type: ignore[misc]
+        tick.__init__(self, state, before, record, start, solution, status, notes, held)  # type: ignore[misc]
         self.held = held
         if held == 0:
             self.good = True

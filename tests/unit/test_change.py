@@ -487,3 +487,22 @@ def test_a_change_of_contacts_that_leaves_the_robot_undetermined_is_refused(robo
     with pytest.raises((DeclarationError, ModelError), match="determine"):
         run.change(Stack(Level(Posture())), 0.2)
     assert run.step(robot.state()).status.usable
+
+
+@pytest.mark.parametrize("over", [0.0, 0.1])
+def test_a_change_in_the_midst_of_another_starts_from_what_was_sent(over: float) -> None:
+    """The line that is blended in has sent nothing itself: rates count from the blend."""
+    robot = hqp.robots.load("cbi")
+    feet = [FixedContact(frame=f) for f in robot.landmarks["soles"]]
+    hand = Position(frame=robot.landmarks["palms"][1], name="hand")
+    stacks = [Stack(*levels, subject_to=feet) for levels in ([Level(hand), Level(Posture())], [Level(Posture())])]
+    controller = hqp.Controller(stacks[0], rates=hqp.RateLimits(velocity=5.0), deadline=np.inf)
+    session, state = controller.session(robot, 0.002), robot.state()
+    aim, last = hand.at(hand.value(state) + [0.4, -0.4, 0.3]), np.zeros(len(robot.joint_names))
+    for k in range(150):
+        if k in (100, 120):
+            session.change(stacks[k == 100], over=0.5 if k == 100 else over)
+        tick = session.step(state, *([aim] if "hand" in session else []))
+        assert np.abs(tick.command - last).max() <= 0.01 * (1.0 + 1e-9), k
+        last = tick.command.copy()
+    assert np.abs(last).max() > 0.5
