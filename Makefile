@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: paper corpus test-arm bench experiments test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: paper corpus test-arm bench experiments soak test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -27,6 +27,10 @@ test-kernels: setup
 # And what draws many or goes on for long.
 test-all: test
 	$(PYTEST) -m slow
+
+# A million hostile ticks over seven robots; hours. test-all runs ten thousand.
+soak: setup
+	$(BIN)/python -m benchmarks soak --ticks 1000000
 
 # The viewer in headless Chromium; on Debian: apt-get install --no-install-recommends chromium
 test-browser: setup

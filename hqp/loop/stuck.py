@@ -196,9 +196,7 @@ def _holders(line: Line, tick: Tick, name: str) -> str:
         return "" if noted else OUT_OF_REACH if account.cause(name) == "out of reach" else "no other element holds it"
     solved = tick.solved()
     assert solved is not None
-    return "held by " + ", ".join(
-        str(replace(loss, rows=_at_bounds(line, loss.element, solved[1]))) for loss in losses
-    )
+    return "held by " + ", ".join(str(replace(loss, rows=_at_bounds(line, loss.element, solved[1]))) for loss in losses)
 
 
 def _at_bounds(line: Line, name: str, x: Vec) -> tuple[str, ...]:

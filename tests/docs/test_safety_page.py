@@ -63,6 +63,21 @@ def test_every_promise_has_tests_that_run() -> None:
     assert not broken(page, running(page))
 
 
+def test_every_requirement_has_an_identifier_a_hazard_and_tests_that_run() -> None:
+    page = (ROOT / "docs" / "results" / "requirements.md").read_text(encoding="utf-8")
+    hazards = set(re.findall(r"^\| (H\d+) \|", page, re.MULTILINE))
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if re.match(r"\| REQ-\d+ [A-Z]", line)]
+    assert [row[0][:6] for row in rows] == [f"REQ-{k:02}" for k in range(1, len(rows) + 1)]
+    assert len(rows) >= 15
+    found, missing = running(page), []
+    for what, hazard, tests in rows:
+        assert set(hazard.split(", ")) <= hazards, what
+        names = re.findall(r"`(test_\w+\.py::test_\w+)`", tests)
+        assert names, what
+        missing += [f"{what}: {name} does not run" for name in names if name not in found]
+    assert not missing
+
+
 def test_files_named_elsewhere_on_the_page_are_there() -> None:
     page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
     assert not [name for name in re.findall(r"test_\w+\.py", page) if name not in TESTS]

@@ -18,7 +18,8 @@ from hqp.declare.safety import RateLimits
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 
-ROBOTS = ("talos", "g1", "cbi", "icub", "romeo")
+ARMS = {"ur5": "tool0", "panda": "panda_hand_tcp"}
+ROBOTS = ("talos", "g1", "cbi", "icub", "romeo", *ARMS)
 LEVELS = ("velocity", "acceleration", "torque")
 RATES = RateLimits(velocity=60.0, acceleration=2e4, torque=2e4)
 DT = 0.002
@@ -27,7 +28,18 @@ OFTEN = 10
 STRICT, YIELDING = 1e-6, 1e-2
 """By how much of its size ||w|| of a level may differ without the levels below: exact or met, and priced and unmet."""
 
+
 load = cache(hqp.robots.load)
+
+
+def hand_of(robot: Robot) -> str:
+    """The frame that is sent to targets."""
+    return ARMS.get(robot.name) or robot.landmarks["palms"][1]
+
+
+def feet_of(robot: Robot) -> tuple[str, ...]:
+    """Frames of the soles, none of an arm."""
+    return tuple(robot.landmarks["soles"]) if robot.floating else ()
 
 
 @dataclass
@@ -58,15 +70,17 @@ class Record:
 
 def stacks(robot: Robot, level: str) -> list[Stack]:
     """Stacks to change between: whole, without the hand, in another order, with a foot pulled where that can be."""
-    left, right = robot.landmarks["soles"]
-    feet = [FixedContact(frame=left), FixedContact(frame=right)]
+    feet = [FixedContact(frame=sole) for sole in feet_of(robot)]
     limits = [TorqueLimits()] if level == "torque" else [JointLimits()]
-    com, hand = Com(name="com"), Position(frame=robot.landmarks["palms"][1], name="hand")
-    trunk, posture = Orientation(frame=robot.landmarks["base"][0], name="trunk"), Posture()
-    whole = Stack(Level(com), Level(hand), Level(trunk), Level(posture), subject_to=[*feet, *limits])
-    found = [whole, whole.without("hand"), Stack(Level(hand), Level(com), Level(posture), subject_to=whole.subject_to)]
-    if level != "torque":
-        found.append(Stack(*whole.levels, subject_to=[*whole.subject_to, PointContact(frame=right, name="pulled")]))
+    com, hand = Com(name="com"), Position(frame=hand_of(robot), name="hand")
+    base = robot.landmarks["base"][0] if robot.floating else hand.frame
+    trunk, posture = Orientation(frame=base, name="trunk"), Posture()
+    first = [Level(com)] if robot.floating else []
+    whole = Stack(*first, Level(hand), Level(trunk), Level(posture), subject_to=[*feet, *limits])
+    found = [whole, whole.without("hand"), Stack(Level(hand), *first, Level(posture), subject_to=whole.subject_to)]
+    if level != "torque" and feet:
+        pulled = PointContact(frame=feet[1].frame, name="pulled")
+        found.append(Stack(*whole.levels, subject_to=[*whole.subject_to, pulled]))
     return found
 
 
@@ -99,13 +113,13 @@ def soak(
     """
     choices = stacks(robot, level)
     hand = choices[0].find("hand", Position)
-    pulled = PointContact(frame=robot.landmarks["soles"][1], name="pulled")
+    pulled = PointContact(frame=feet_of(robot)[1], name="pulled") if robot.floating else None
     controller = hqp.Controller(choices[0], formulation(level), rates=rates, deadline=np.inf)
     session = controller.session(robot, DT)
     rate = np.inf if rates is None else float(getattr(rates, level)) * DT
     q, v = robot.home.copy(), np.zeros(robot.nv)
     start = robot.state(q, v)
-    palm, com = start.position(robot.landmarks["palms"][1]), start.com()
+    palm, com = start.position(hand.frame), start.com()
     goal, shift, sent, last = palm.copy(), com.copy(), [], None
     for _ in range(ticks):
         event, given_q, given_v = "", q, v
@@ -129,9 +143,10 @@ def soak(
         if "hand" in session:  # in a transition as long as either stack has it
             at = np.full(3, np.nan) if event == "nan reference" else goal
             references.append(hand.at(at))
-        if event == "conflict" and "pulled" in session:
+        if event == "conflict" and pulled is not None and "pulled" in session:
             references.append(pulled.at(velocity=[0.2, 0.0, 0.0]))
-        references.append(session.stack.find("com", Com).at(shift))
+        if "com" in session:
+            references.append(session.stack.find("com", Com).at(shift))
         state = robot.state(given_q, given_v)
         begun = thread_time()  # of this thread alone, whatever else the machine does
         tick = session.step(state, *references)
@@ -151,11 +166,16 @@ def soak(
         sent.append(last.tobytes())
         if record.ticks % OFTEN == 0 and tick.status is Status.OPTIMAL and tick.transition == 1.0 and tick.solution:
             problem, record.looks = session.problem, record.looks + 1
+            size = 1.0 + float(np.abs(tick.solution.x).max())
+            for w, now in zip(tick.solution.residuals, problem.slacks(tick.solution.x), strict=True):
+                assert np.abs(w - now).max(initial=0.0) < STRICT * size, (
+                    f"{robot.name}, {level}: another tick's solution"
+                )
             told = moved(problem, tick.solution, 1 + record.looks % (len(problem.levels) - 1))
             assert not told, f"{robot.name}, {level}: {told} after {event!r}"
         if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
             q, v = tick.advance()
-        if not np.isfinite(v).all() or np.abs(v).max() > 50.0 or np.abs(q[:3]).max() > 10.0:
+        if not np.isfinite(v).all() or np.abs(v).max() > 50.0 or (robot.floating and np.abs(q[:3]).max() > 10.0):
             q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: put up again
             record.events["fallen"] += 1
     return sent
