@@ -63,7 +63,7 @@ def test_an_arm_folded_beside_an_obstacle_says_so(arms: dict[str, Any]) -> None:
     robot, frame = arms["panda"], "panda_hand"
     start = robot.state().position(frame).copy()
     plate = shapes.box("plate", (0.02, 2.0, 2.0), (float(start[0]) + 0.25, 0.0, 0.6))
-    avoid = t.CollisionAvoidance(world=plate)
+    avoid = t.CollisionAvoidance(world=(plate,))
     hand = t.Position(frame=frame, name="hand")
     found = held(robot, "velocity", hand, [start + [0.5, 0.0, 0.0]], [avoid], 5.0)
     assert avoid.name in found[-1]
@@ -79,9 +79,10 @@ def test_a_goal_out_of_reach_has_one_note(arms: dict[str, Any]) -> None:
         stack = Stack(Level(hand), Level(t.Posture()), subject_to=[t.JointLimits()])
         session = hqp.Controller(stack, formulation, deadline=math.inf, price=price).session(robot, DT)
         q, v = robot.home, np.zeros(robot.nv)
+        tick = session.step(robot.state(q, v), goal)
         for _ in range(round(4.0 / DT)):
-            tick = session.step(robot.state(q, v), goal)
             q, v = tick.advance()
+            tick = session.step(robot.state(q, v), goal)
         assert len([note for note in tick.notes if note.element == "hand"]) == 1
 
 
