@@ -63,7 +63,9 @@ def interpreter(version: str | None) -> str | None:
     """The Python of a version, this one for None."""
     if version is None or version == f"{sys.version_info[0]}.{sys.version_info[1]}":
         return sys.executable
-    return shutil.which(f"python{version}")
+    found = shutil.which(f"python{version}")  # it may be a shim of a version manager that has no such Python
+    usable = found and subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode == 0
+    return found if usable else None
 
 
 def run(*command: object, **options: Any) -> str:
