@@ -80,7 +80,6 @@ class StageSearch {
     if (!reached && !started) return false;
     if (!reached) {
       if (!equalities_alone || working.empty()) {
-        rows_->forget_turned();
         hold({});
         if (!near.empty()) enter_all(working);
       }
@@ -240,6 +239,7 @@ class StageSearch {
   // The equalities, ahead of them the rows of a working set that pick one coordinate: those cost nothing, as long as
   // nothing else came before, where all coordinates move. Whether there are any.
   bool hold(const std::vector<int>& working) {
+    rows_->forget_turned();  // other rows may stand before the equalities than in the search before
     set_.clear();
     cut(0);
     spanned_.clear();
