@@ -76,6 +76,15 @@ def rank(A: Mat, rtol: float | None = None) -> int:
     return int(np.count_nonzero(sizes > (max(A.shape) * _EPS if rtol is None else rtol) * sizes.max(initial=0.0)))
 
 
+def right_vectors(A: Mat) -> tuple[Vec, Mat]:
+    """Singular values of A ``(m, n)`` and all right singular vectors, ``(min(m, n),)`` and ``(n, n)``.
+
+    The left ones, of which tall matrices have many, are not computed.
+    """
+    _, sigma, Vt = np.linalg.svd(A, full_matrices=A.shape[0] < A.shape[1])
+    return sigma, Vt
+
+
 def row_lengths(A: Mat) -> Vec:
     """The 2-norm of every row, ``(m,)``."""
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
+from hqp.arrays import Mask, Mat, Vec, longest_row, right_vectors, row_lengths
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.completion import completion
 from hqp.problem.graded import best_step, pull
@@ -248,7 +248,7 @@ class _Program:
         side = self._sides(v)
         active = np.flatnonzero(side)
         cone = side[active, None] * self.C[active] @ self.Z
-        _, sigma, Vt = np.linalg.svd(cone, full_matrices=True)
+        sigma, Vt = right_vectors(cone)
         along, face = np.split(Vt, [int(np.count_nonzero(sigma > DEPENDENT))])
         n = v.size - self.slacks
         size = np.abs(v)
@@ -301,7 +301,7 @@ class _Program:
 
 def _null_space(A: Mat) -> Mat:
     """Orthonormal basis ``(n, r)`` of the null space of rows of unit length."""
-    _, sigma, Vt = np.linalg.svd(A, full_matrices=True)
+    sigma, Vt = right_vectors(A)
     return np.asarray(Vt[int(np.count_nonzero(sigma > DEPENDENT)) :].T)
 
 

@@ -67,15 +67,17 @@ def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float) -> tuple[Mat, In
     columns = np.arange(f)
     while True:
         flat = np.abs(T[rank:, rank:f]).max(axis=1, initial=0.0) <= least * own[rank:]
-        last = rank + np.concatenate([np.flatnonzero(~flat), np.flatnonzero(flat)])  # the flat ones only pull
-        T[rank:], own[rank:], order[rank:] = T[last], own[last], order[last]
         clear = int(np.count_nonzero(~flat))
+        if flat[:clear].any():
+            last = rank + np.concatenate([np.flatnonzero(~flat), np.flatnonzero(flat)])  # the flat ones only pull
+            T[rank:], own[rank:], order[rank:] = T[last], own[last], order[last]
         if not clear or rank == f:
             return T, order, columns, rank
-        p = rank + int(np.argmax(np.square(T[rank : rank + clear, rank:f]).sum(axis=0)))
+        left = T[rank : rank + clear, rank:f]
+        p = rank + int(np.argmax(np.einsum("ij,ij->j", left, left)))
         T[:, [rank, p]], columns[[rank, p]] = T[:, [p, rank]], columns[[p, rank]]
         v = T[rank:, rank].copy()
         v[0] += np.copysign(np.linalg.norm(v), v[0])
-        T[rank:] -= np.outer(2.0 * v / (v @ v), v @ T[rank:])
+        T[rank:, rank:] -= np.outer(2.0 * v / (v @ v), v @ T[rank:, rank:])  # columns before it are zero there
         T[rank + 1 :, rank] = 0.0
         rank += 1

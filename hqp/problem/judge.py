@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hqp.arrays import Index, Mask, Mat, Vec, longest_row
+from hqp.arrays import Index, Mask, Mat, Vec, longest_row, right_vectors
 from hqp.problem import Rows
 from hqp.problem.graded import pull
 from hqp.problem.nnls import nonnegative_least_squares
@@ -63,7 +63,7 @@ class Judge:
         unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=lengths[:, None] > 0.0)
         own = np.flatnonzero(side)
         held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], unit[own]]) @ self.Z
-        _, sigma, Vt = np.linalg.svd(held, full_matrices=True)
+        sigma, Vt = right_vectors(held)
         along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
         left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
         B = A[left] @ self.Z
@@ -84,7 +84,7 @@ class Judge:
         if not rows.size:
             return 0.0
         longest = longest_row(A)
-        _, sigma, Vt = np.linalg.svd(self.unit[(self.side != 0.0) & ~self.fixed] @ self.Z, full_matrices=True)
+        sigma, Vt = right_vectors(self.unit[(self.side != 0.0) & ~self.fixed] @ self.Z)
         U, sigma, _ = np.linalg.svd(rows @ Vt[int(np.count_nonzero(sigma > self.rank)) :].T, full_matrices=False)
         clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
         reach = float(np.linalg.norm(U[:, clear].T @ slack[asked]))
@@ -156,7 +156,7 @@ class Judge:
         projected = rows @ self.Z
         if not projected.size:
             return 0
-        _, sigma, Vt = np.linalg.svd(projected, full_matrices=True)
+        sigma, Vt = right_vectors(projected)
         rank = int(np.count_nonzero(sigma > self.rank))
         ratio = sigma / CERTIFIED_RANK_TOLERANCE
         self.unclear |= bool(np.any((ratio > 1.0 / EITHER_RANK) & (ratio < EITHER_RANK)))

@@ -73,7 +73,7 @@ class Coordinates:
         f = np.zeros(F.shape[0]) if motion is None or motion.f is None else motion.f
         if F.ndim == 1:
             return Coordinates(f / F, 1.0 / F, F, n, F, 1.0 / F)
-        U, sigma, Vt = np.linalg.svd(F, full_matrices=True)
+        U, sigma, Vt = np.linalg.svd(F, full_matrices=F.shape[0] < n)
         r = int(np.count_nonzero(sigma > FLAT_TOLERANCE * sigma.max(initial=0.0)))
         scale = np.concatenate([sigma[:r], np.full(n - r, sigma[r - 1] if r else 1.0)])
         back = Vt[:r].T @ (U[:, :r] / sigma[:r]).T
