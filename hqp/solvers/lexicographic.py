@@ -186,11 +186,12 @@ class NativeWorkspace:
 
         Raises RuntimeError while another thread solves in this workspace.
         """
+        return self.judged(problem, *self.found(problem))
+
+    def found(self, problem: Hierarchy) -> tuple[Solution, Any]:
+        """The kernel's own solution, which ``judged`` may replace, and the problem as the kernel read it."""
         solution: Solution | None = self.native.solution(problem, 0.0, *self._views)
-        if solution is None:
-            return self._converted(problem)
-        settled = solution.status is Status.OPTIMAL and not solution.detail
-        return solution if settled else self._judged(problem, problem, solution)
+        return (solution, problem) if solution is not None else self._converted(problem)
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The kernel bound to a problem that is refilled in place, see hqp.solvers.stages.Kernel.
@@ -208,10 +209,14 @@ class NativeWorkspace:
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""
+        return self.judged(problem, self.reported(counts), problem)
+
+    def reported(self, counts: tuple[int, int, int, bool]) -> Solution:
+        """The kernel's own solution of the latest solve of ``kernel``."""
         outcome, iterations, factorisations, _ = counts
         values, marks, n = self.native.values().copy(), self.native.active().copy(), self._shape.n
         ends = [sum(self._shape.rows[:k]) for k in range(len(self._shape.rows) + 1)]
-        solution = Solution(
+        return Solution(
             values[:n],
             STATUSES[outcome],
             tuple(values[n + a : n + b] for a, b in pairwise(ends)),
@@ -219,19 +224,22 @@ class NativeWorkspace:
             Stats(iterations, factorisations),
             STUCK if STATUSES[outcome] is Status.NOT_CERTIFIED else "",
         )
-        return self._judged(problem, problem, solution)
 
-    def _judged(self, problem: Hierarchy, bound: Any, solution: Solution) -> Solution:
-        """The solution, or another one where it is doubtful, refused by the certificate and no time is set.
+    def is_doubtful(self, solution: Solution) -> bool:
+        """Return true if the certificate is to judge the kernel's own solution: never where a time is set."""
+        if self._limited:
+            return False
+        uncertain = solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE
+        stopped = solution.status is Status.ITERATION_LIMIT and not self._solver.max_iterations
+        stuck = solution.status is Status.NOT_CERTIFIED and solution.detail == STUCK
+        return stuck or stopped or (uncertain and not self._ticking)
+
+    def judged(self, problem: Hierarchy, solution: Solution, bound: Any) -> Solution:
+        """The solution, or another one where it is doubtful and the certificate refuses it.
 
         bound: the problem as the kernel read it.
         """
-        doubtful = solution.status is Status.NOT_CERTIFIED or (
-            not self._ticking and (solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE)
-        )
-        if solution.status is Status.ITERATION_LIMIT and not self._solver.max_iterations:
-            doubtful = True
-        if self._limited or not doubtful:
+        if not self.is_doubtful(solution):
             return replace(solution, detail="") if solution.detail and solution.status is Status.OPTIMAL else solution
         others: list[Callable[[], Solution]] = [partial(self._again, bound)]
         others += [partial(self._with_rank, bound, rank) for rank in OTHER_RANKS]
@@ -249,16 +257,16 @@ class NativeWorkspace:
         other = NativeWorkspace(replace(self._solver, rank_tolerance=tolerance), self._shape)
         return other._answer(bound)
 
-    def _converted(self, problem: Hierarchy) -> Solution:
-        """The solution where arrays have to be converted first, or numbers are not usable."""
+    def _converted(self, problem: Hierarchy) -> tuple[Solution, Any]:
+        """As ``found`` where arrays have to be converted first, or numbers are not usable."""
         begin = perf_counter()
         check_shape(problem, self._shape)
         bound = _copied(problem)
         build = perf_counter() - begin
         solution = self.native.solution(bound, build, *self._views)
         if solution is None:
-            return _refuse(problem, self._shape, Stats(build_s=build))
-        return self._judged(problem, bound, solution)
+            solution = _refuse(problem, self._shape, Stats(build_s=build))
+        return solution, bound
 
 
 def levels(problem: Hierarchy) -> dict[str, Any]:

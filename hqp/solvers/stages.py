@@ -95,7 +95,7 @@ class StagedWorkspace:
         problem.check_prices(self._shape.priced)  # they may have been refilled
         if (counts := self.native.begin()) is not None:
             return self.answer(problem, counts)
-        return self._priced(problem, self._exact.solve(self._plain))
+        return self._priced(problem, *self._exact.found(self._plain))
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """Call the kernel of all levels; its outcome is UNSETTLED where the answer is that of stages."""
@@ -125,20 +125,39 @@ class StagedWorkspace:
         """The solution of the latest solve of ``kernel``."""
         if counts[0] == UNSETTLED:
             return self._staged(problem, Stats(*counts[1:3]))
-        return self._priced(problem, self._exact.answer(self._plain, counts))
+        return self._priced(problem, self._exact.reported(counts), self._plain)
 
-    def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
+    def _priced(self, problem: Hierarchy, exact: Solution, bound: Any) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle.
+
+        bound: the exact problem as the kernel read it. An exact solution that only begins the stages is not judged:
+        they are.
+        """
+        doubtful = self._exact.is_doubtful(exact)
+
+        def judged() -> Solution:
+            certified = self._exact.judged(self._plain, exact, bound)
+            return self._staged(problem, certified.stats) if self._follows(certified) else certified
+
+        if not self._follows(exact):
+            return judged() if doubtful else self._exact.judged(self._plain, exact, bound)
+        return self._staged(problem, exact.stats, [judged] if doubtful else [])
+
+    def _follows(self, exact: Solution) -> bool:
+        """Solve the stages that an exact solution does not settle; return true if there are any.
 
         Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only
         that the levels without a price are met.
         """
         status, x = exact.status, exact.x
         near = status.solved or (status is Status.NOT_CERTIFIED and self._has_prices and self.native.unpriced_met(x))
-        return self._staged(problem, exact.stats) if near and self.native.follow(x) else exact
+        return near and bool(self.native.follow(x))
 
-    def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
-        """The answer of the latest stages; if stopped early, a point that satisfies the rows of the levels above."""
+    def _staged(self, problem: Hierarchy, exact: Stats, others: Sequence[Callable[[], Solution]] = ()) -> Solution:
+        """The answer of the latest stages; if stopped early, a point that satisfies the rows of the levels above.
+
+        others: what to solve if the certificate refuses it; stages that begin at a doubtful exact answer are judged.
+        """
         steps, ended, uncertain, undecided, doubtful = self.native.effort()
         unsure = undecided or (doubtful and self._seconds > 0.0)  # without a clock the certificate decides
         status = Status.RANK_UNCERTAIN if unsure else Status.OPTIMAL
@@ -147,8 +166,8 @@ class StagedWorkspace:
         stats = Stats(exact.iterations + steps, exact.factorisations, exact.build_s, self.native.elapsed())
         x, points = self.native.end().copy(), self.native.points().copy()
         solution = finish(problem, x, status, stats, stages=points, describe=self._describe)
-        doubtful = doubtful or uncertain or not ended
-        return second_opinion(problem, solution) if doubtful and not self._seconds else solution
+        doubtful = doubtful or uncertain or not ended or bool(others)
+        return second_opinion(problem, solution, others) if doubtful and not self._seconds else solution
 
     def _describe(self, problem: Hierarchy, x: Vec) -> Described:
         """Compute hqp.solvers.base.describe natively."""

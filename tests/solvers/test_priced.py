@@ -207,8 +207,8 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
         problem = Hierarchy(levels, constraints=1, prices=np.array([0.0, 0.02, 0.02, 0.0]))
         if workspace is None:
             workspace = solver.workspace(problem.shape)
-            bound, solve = problem, workspace._exact.solve
-            workspace._exact.solve = lambda p, solve=solve: (exact.append(step[0]), solve(p))[1]
+            bound, found = problem, workspace._exact.found
+            workspace._exact.found = lambda p, found=found: (exact.append(step[0]), found(p))[1]
         for own, new in zip(bound.levels, problem.levels, strict=True):  # a session refills its problem in place
             own.lower[:], own.upper[:] = new.lower, new.upper
         warm, cold = workspace.solve(bound), solver.solve(problem)
