@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hqp import Hierarchy, Rows, Solution, certificate
+from hqp.lab.problem_families import FAMILIES
 from hqp.solvers import Solver
-from tests.scenes.families import FAMILIES
 from tests.solvers.conformance import Subject, subjects, supports
 
 NAMES = sorted(set(FAMILIES) - {"zero_rows"})  # zero rows aside, every family is well scaled enough to compare answers

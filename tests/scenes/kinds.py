@@ -14,8 +14,8 @@ from numpy.random import Generator
 
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat, Vec
+from hqp.lab.problem_families import FAMILIES
 from tests.scenes import random_hierarchies
-from tests.scenes.families import FAMILIES
 
 Kind = Callable[[Generator], list[Hierarchy]]
 KINDS: dict[str, Kind] = {}

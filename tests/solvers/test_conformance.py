@@ -7,9 +7,9 @@ import pytest
 
 from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import ProblemError
+from hqp.lab.problem_families import FAMILIES, equality
 from hqp.solvers import Solver
 from tests.scenes import problems
-from tests.scenes.families import FAMILIES, equality
 from tests.solvers.conformance import Subject, check, check_form, check_share, subjects, supports
 
 SEEDS = 12

@@ -10,11 +10,11 @@ import pytest
 import hqp.solvers
 from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import BackendError
+from hqp.lab.problem_families import FAMILIES, bounds, equality, low_rank
 from hqp.solvers.backends import QpAnswer, load
 from hqp.solvers.cascade import Cascade
 from hqp.solvers.recursion import Recursion
 from tests.scenes import problems
-from tests.scenes.families import FAMILIES, bounds, equality, low_rank
 
 pinv = np.linalg.pinv
 

@@ -1,4 +1,7 @@
-"""Random hierarchies by family, each hard in a way of its own; a family is a function of a random generator."""
+"""Random hierarchies by family, to test solvers: ``FAMILIES[name](numpy.random.default_rng(seed))`` draws one.
+
+Each family is hard in a way of its own; ``hqp.certificate`` judges the answers.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.random import Generator
 
-from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat, Vec
+from hqp.problem import Hierarchy, Rows, Selection
 
 FAMILIES: dict[str, Callable[[Generator], Hierarchy]] = {}
 
