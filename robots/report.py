@@ -19,7 +19,6 @@ _IGNORED = {
     "ncam": "cameras",
     "nlight": "lights",
     "nsensor": "sensors",
-    "ntendon": "tendons",
     "npair": "contact pairs",
     "nexclude": "contact exclusions",
     "nhfield": "height fields",
@@ -120,6 +119,8 @@ def left_out(robot: Any) -> list[str]:
     if description.simulated is not None:
         simulated = description.simulated
         counts = {word: int(getattr(simulated, field, 0)) for field, word in _IGNORED.items()}
+        firsts = simulated.wrap_type[simulated.tendon_adr] if simulated.ntendon else np.zeros(0)
+        counts["spatial tendons"] = int(np.count_nonzero(firsts != _FIXED))
         found += [f"{count} {word}" for word, count in counts.items() if count]
         dynamic = int(np.count_nonzero(simulated.actuator_dyntype)) if simulated.nu else 0
         if dynamic:
@@ -179,4 +180,6 @@ def _kind(name: str) -> str:
 
 
 _TERMS = {"FreeFlyer": "free", "Spherical": "ball", "Planar": "planar"}
+_FIXED = 1
+"""mjWRAP_JOINT: the wrap of a fixed tendon."""
 _KINDS = {"BVHModelOBBRSS": "Mesh", "BVHModelBase": "Mesh"}
