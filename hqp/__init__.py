@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hqp.goals import reach, solve_ik
     from hqp.lab import bench
     from hqp.motion import retarget
+    from hqp.policies import PolicyFilter, UpperBody
     from hqp.problem.certify import Certificate, certificate
     from hqp.solvers.levels import solve_levels
     from hqp.solvers.many import solve_many
@@ -58,6 +59,7 @@ __all__ = [
     "Note",
     "P",
     "Phase",
+    "PolicyFilter",
     "Price",
     "PurePythonWarning",
     "RateLimits",
@@ -75,6 +77,7 @@ __all__ = [
     "Task",
     "Tick",
     "Torque",
+    "UpperBody",
     "Velocity",
     "bench",
     "certificate",
@@ -110,7 +113,9 @@ _ELSEWHERE = {
     "Certificate": "problem.certify",
     "Follow": "teleoperation",
     "StateMap": "state_map",
+    "PolicyFilter": "policies",
     "Torque": "torque",
+    "UpperBody": "policies",
     "bench": "lab",
     "certificate": "problem.certify",
     "check": "declare.checking",

@@ -33,7 +33,7 @@ FLOORS = (
     {"recorder"},
     {"loop"},
     {"comparison", "export", "goals", "lab", "viewer"},
-    {"adapters", "motion", "walking", "__main__"},
+    {"adapters", "motion", "policies", "walking", "__main__"},
 )
 """Rooms from the ground up: folders of hqp, and files beside them.  A room knows only what stands on lower floors."""
 

@@ -1,0 +1,36 @@
+"""A filter behind a policy: targets that cross the hands, leave ranges or are no numbers, on G1's joint servos."""
+
+import numpy as np
+
+import hqp
+from hqp.tasks import CollisionAvoidance
+
+robot, dt = hqp.robots.load("g1"), 0.002
+hands = (("left_wrist_yaw_link", "right_wrist_yaw_link"),)
+guard = hqp.PolicyFilter(kp=60.0, kd=2.0, collision=CollisionAvoidance(pairs=hands))
+session, servos = guard.session(robot, dt), guard.servos(robot, dt)
+names, home = robot.joint_names, robot.state(robot.home).angles[robot.actuated]
+
+
+def policy(t):
+    """Quiet for a second, then arms that cross, then nonsense."""
+    target = home + 0.05 * np.sin(2.0 * np.pi * t)
+    if t > 1.0:
+        target[names.index("left_shoulder_yaw_joint")] = -1.5
+        target[names.index("right_shoulder_yaw_joint")] = 1.5
+    if t > 2.0:
+        target[names.index("left_elbow_joint")] = 30.0
+        target[names.index("waist_yaw_joint")] = np.nan
+    return target
+
+
+q, v, own = robot.home.copy(), np.zeros(robot.nv), robot.actuated
+for k in range(1500):
+    asked = policy(k * dt)
+    tick = session.tick(q, v, asked)
+    if k % 250 == 0:
+        least = min((n.distance for n in guard.collision.near(robot.state(q)) if n is not None), default=np.inf)
+        limited = {name: round(change, 2) for name, change in tick.limited.items()}
+        print(f"{k * dt:3.1f} s: hands {least:.3f} m apart (inf: far), limited: {limited or 'nobody'}")
+    v[own] = servos.velocity(tick.command, robot.state(q).angles[own], v[own])  # the drives
+    q = robot.integrate(q, v, dt)

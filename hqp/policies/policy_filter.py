@@ -1,0 +1,231 @@
+"""A filter behind a policy: its joint targets pass unchanged unless a limit or a distance is in the way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Vec
+from hqp.declare.element import Element
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Level, Stack
+from hqp.errors import DeclarationError
+from hqp.loop.controller import Controller
+from hqp.loop.session import Session, Tick
+from hqp.policies.servo import Gains, Servos
+from hqp.tasks import CollisionAvoidance, JointLimits, JointVelocity, PrescribedMotion
+from hqp.tasks.limits import home_inertia
+
+Command = Literal["positions", "velocities", "torques"]
+
+BRAKING = 200.0
+"""Largest deceleration that the default limits count on [rad/s^2, m/s^2]."""
+
+SHARE = 0.8
+"""Share of a motor's torque that its deceleration may take."""
+
+BLEND = 0.1
+"""Share of a new estimate of the remaining torque in a tick."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyFilter:
+    """The policy's command is the lowest level, limits and distances are constraints above it:
+
+        min |x - v+(command)|    subject to limits, distances, the measured motion of a floating base,
+
+    x the velocity of the actuated joints at the end of the period, v+ the one that the command gives there (``Servos``;
+    for torques kp = kd = 0).  The command is changed by what moves v+ to x, hence not at all where nothing binds.
+
+    limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
+    that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None.  kp [N m/rad], kd
+    [N m s/rad]: gains of the servos that take position targets, a number, one for each actuated joint or by name.
+    command: what the policy gives and what is sent, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
+    Raises DeclarationError for fields.
+    """
+
+    limits: JointLimits | None = None
+    collision: CollisionAvoidance | None = None
+    kp: Gains | None = None
+    kd: Gains | None = None
+    command: Command = "positions"
+
+    def __post_init__(self) -> None:
+        if self.limits is not None and not isinstance(self.limits, JointLimits):
+            raise DeclarationError("PolicyFilter", "limits", value=self.limits, allowed="JointLimits(...) or None")
+        if self.collision is not None and not isinstance(self.collision, CollisionAvoidance):
+            raise DeclarationError(
+                "PolicyFilter", "collision", value=self.collision, allowed="CollisionAvoidance(...) or None"
+            )
+        if self.command not in ("positions", "velocities", "torques"):
+            raise DeclarationError(
+                "PolicyFilter", "command", value=self.command, allowed='"positions", "velocities" or "torques"'
+            )
+        if (self.kp is None or self.kd is None) and self.command == "positions":
+            raise DeclarationError(
+                "PolicyFilter", "kp and kd", value=(self.kp, self.kd), allowed="the gains of the servos, for positions"
+            )
+
+    def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
+        """The stack as a controller, for a file or a batch; its lowest element is ``policy``."""
+        policy = JointVelocity(joints=robot.joint_names, name="policy")
+        base = [PrescribedMotion(name="base")] if robot.floating else []
+        apart = [] if self.collision is None else [self.collision]
+        limits = default_limits(robot) if self.limits is None else (self.limits,)
+        subject_to: list[Element] = [*base, *limits, *apart]
+        return Controller(Stack(Level(policy, price=0), subject_to=subject_to), deadline=deadline, price=0)
+
+    def servos(self, robot: Robot, dt: float) -> Servos:
+        """The servos of the actuated joints; unit gains for commands without servos."""
+        kp, kd = (1.0, 0.0) if self.kp is None or self.kd is None else (self.kp, self.kd)
+        return Servos.of("PolicyFilter", robot, robot.actuated, kp, kd, dt)
+
+    def session(self, robot: Robot, dt: float, *, deadline: float | None = None) -> PolicyFilterSession:
+        """Compile for a robot at a control period dt [s]; deadline: see ``Controller``.
+
+        Raises DeclarationError, ModelError for what does not fit, before the loop.
+        """
+        session = self.controller(robot, deadline=deadline).session(robot, dt, stuck=False)
+        return PolicyFilterSession(self, session, self.servos(robot, dt))
+
+
+def default_limits(robot: Robot) -> tuple[JointLimits, ...]:
+    """Limits of all joints, grouped by b = 200 / 2^k at most 0.8 tau_max / I, the inertia I at home."""
+    own = robot.actuated
+    with np.errstate(divide="ignore"):
+        most = (
+            SHARE
+            * np.where(robot.effort_limit[own] > 0.0, robot.effort_limit[own], math.inf)
+            / home_inertia(robot)[own]
+        )
+    halvings = np.ceil(np.log2(np.maximum(BRAKING / most, 1.0))).astype(int)
+    names = [robot.joint_name(int(c)) for c in own]
+    return tuple(
+        JointLimits(
+            joints=[name for name, h in zip(names, halvings, strict=True) if h == k],
+            acceleration=None, braking=BRAKING / 2.0**k, approach=60.0, name=f"limits {BRAKING / 2.0**k:g}",
+        )
+        for k in sorted(set(halvings.tolist()))
+    )  # fmt: skip
+
+
+class Prediction:
+    """Commands of one robot ``(n,)`` or of many ``(count, n)``, before and behind the stack."""
+
+    def __init__(self, declared: PolicyFilter, servos: Servos) -> None:
+        self._kind, self.servos = declared.command, servos
+        self._last: Vec | None = None
+        self._before: Vec | None = None
+        self._rest: Vec | float = 0.0
+
+    def reset(self) -> None:
+        """As just made."""
+        self._last, self._before, self._rest = None, None, 0.0
+
+    def begin(self, command: ArrayLike, q: Vec, v: Vec) -> tuple[Vec, Vec]:
+        """(command within the effort limits, velocity that it gives), of joint positions and velocities.
+
+        Numbers that are not finite are replaced by those that were sent last, first by ones that hold the joint.
+        """
+        given = np.array(command, dtype=np.float64)
+        if given.shape != q.shape:
+            raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(q.shape))
+        q, v = np.nan_to_num(q), np.nan_to_num(v)
+        if self._last is None:
+            self._last = q.copy() if self._kind == "positions" else np.zeros(q.shape)
+        given = np.where(np.isfinite(given), given, self._last)
+        servos = self.servos
+        self._observe(q, v)
+        if self._kind == "velocities":
+            most = 1e6
+            given = np.clip(given, -most, most)
+            return given, given
+        if self._kind == "torques":
+            given = np.clip(given, -servos.effort, servos.effort)
+            return given, v + servos.dt * (given + self._rest) / servos.inertia
+        given = servos.within_effort(given, q, v)
+        return given, servos.velocity(given, q, v, self._rest)
+
+    def end(self, command: Vec, free: Vec, x: Vec, q: Vec, v: Vec, solved: Any = True) -> Vec:
+        """The command to send for the velocity x in place of ``free``; the last one where the tick is not solved."""
+        servos = self.servos
+        if self._kind == "velocities":
+            sent = command + (x - free)
+        elif self._kind == "torques":
+            sent = np.clip(command + (x - free) * servos.inertia / servos.dt, -servos.effort, servos.effort)
+        else:
+            sent = servos.within_effort(servos.shifted(command, x - free), np.nan_to_num(q), np.nan_to_num(v))
+        assert self._last is not None
+        self._last = np.where(np.asarray(solved)[..., None] & np.isfinite(sent), sent, self._last)
+        self._before = np.nan_to_num(v)
+        return self._last.copy()
+
+    def _observe(self, q: Vec, v: Vec) -> None:
+        """Estimate d, the torque that the servos' model lacks: gravity, contacts, other joints."""
+        if self._before is None or self._kind == "velocities":
+            return
+        servos, v_then = self.servos, self._before
+        assert self._last is not None
+        own = self._last if self._kind == "torques" else servos.kp * (self._last - q) - servos.kd * v
+        found = servos.inertia * (v - v_then) / servos.dt - own
+        most = np.where(np.isfinite(servos.effort), servos.effort, 1e3)
+        self._rest = self._rest + BLEND * (np.clip(found, -most, most) - self._rest)
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredTick:
+    """What is sent, ``(n,)`` in the order of ``robot.joint_names``; asked: the policy's command, NaN where it was none.
+
+    limited: by joint how far the command was changed (sent - asked, NaN for a command that was none).  tick: of the
+    stack, whose ``explain()`` names limits and pairs.
+    """
+
+    command: Vec
+    asked: Vec
+    limited: dict[str, float]
+    tick: Tick
+
+
+class PolicyFilterSession:
+    """A filter at work on one robot; ``session`` is the one of its stack."""
+
+    def __init__(self, declared: PolicyFilter, session: Session, servos: Servos) -> None:
+        self.declared, self.session, self.robot = declared, session, session.robot
+        self._prediction = Prediction(declared, servos)
+        self._policy: Any = session.stack.find("policy")
+        self._speed = 1e-9 * (1.0 + np.where(np.isfinite(self._top()), self._top(), 1.0))
+
+    def _top(self) -> Vec:
+        return self.robot.velocity_limit[self.robot.actuated]
+
+    def tick(self, q: Vec, v: Vec, command: ArrayLike) -> FilteredTick:
+        """One tick: measured q ``(nq,)`` and v ``(nv,)``, the policy's command ``(n,)``.  Data never raises.
+
+        Raises DeclarationError for shapes.
+        """
+        return self.step(self.robot.state(q, v), command)
+
+    def step(self, state: State, command: ArrayLike) -> FilteredTick:
+        """One tick of a state; see ``tick``."""
+        own = self.robot.actuated
+        q, v = state.angles[own], state.v[own]
+        taken, free = self._prediction.begin(command, q, v)
+        tick = self.session.step(state, self._policy.at(velocity=free))
+        x = tick.x[own]
+        sent = self._prediction.end(taken, free, x, q, v, tick.status.solved)
+        asked = np.array(command, dtype=np.float64)
+        changed = (np.abs(x - free) > self._speed) | (taken != asked) | (not tick.status.solved)
+        names = self.robot.joint_names
+        limited = {names[i]: float(sent[i] - asked[i]) for i in np.flatnonzero(changed).tolist()}
+        return FilteredTick(sent, asked, limited, tick)
+
+    def reset(self) -> None:
+        """Forget what was sent and observed; the stack's session goes on."""
+        self._prediction.reset()
+
+
+__all__ = ["FilteredTick", "PolicyFilter", "PolicyFilterSession", "Prediction"]

@@ -1,0 +1,84 @@
+"""Joint servos tau = kp (q* - q) - kd v: how far a target moves its joint in a period, and the inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Index, Vec
+from hqp.declare.robot import Robot
+from hqp.errors import DeclarationError
+from hqp.tasks.limits import home_inertia
+
+Gains = float | ArrayLike | Mapping[str, float]
+"""A number for all joints, one for each, or by joint name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Servos:
+    """PD servos with constant targets during a period, each about its own inertia, by an implicit step:
+
+        (I + dt kd + dt^2 kp) v+ = I v + dt (kp (q* - q) + d),
+
+    d the remaining torque of each joint (gravity, contacts, other joints).  Functions work on the last axis, so that
+    rows of a batch have the bits of a single one.  kp [N m/rad], kd [N m s/rad], inertia [kg m^2], effort [N m], dt
+    [s], each ``(n,)``.
+    """
+
+    kp: Vec
+    kd: Vec
+    inertia: Vec
+    effort: Vec
+    dt: float
+
+    @classmethod
+    def of(cls, owner: str, robot: Robot, joints: Index, kp: Gains, kd: Gains, dt: float) -> Servos:
+        """Servos of these coordinates with the inertia at home; raises DeclarationError for gains."""
+        names = [robot.joint_name(int(c)) for c in joints]
+        effort = np.where(robot.effort_limit[joints] > 0.0, robot.effort_limit[joints], np.inf)
+        return cls(
+            gains(owner, "kp", kp, names), gains(owner, "kd", kd, names), home_inertia(robot)[joints], effort, dt
+        )
+
+    @property
+    def stiff(self) -> Vec:
+        """I + dt kd + dt^2 kp ``(n,)``."""
+        return self.inertia + self.dt * (self.kd + self.dt * self.kp)
+
+    def within_effort(self, target: Vec, q: Vec, v: Vec) -> Vec:
+        """The target whose torque is within the effort limits; itself where it is."""
+        low, high = q + (self.kd * v - self.effort) / self.kp, q + (self.kd * v + self.effort) / self.kp
+        return np.clip(target, low, high)
+
+    def velocity(self, target: Vec, q: Vec, v: Vec, rest: Vec | float = 0.0) -> Vec:
+        """v+ under a target; rest: d."""
+        return (self.inertia * v + self.dt * (self.kp * (target - q) + rest)) / self.stiff
+
+    def shifted(self, target: Vec, change: Vec) -> Vec:
+        """The target that changes v+ by ``change`` [rad/s]."""
+        return target + change * self.stiff / (self.dt * self.kp)
+
+    def target(self, torque: Vec, q: Vec, after: Vec) -> Vec:
+        """The target whose torque at the end of the period, at q + dt v+ and v+ = ``after``, is this one."""
+        return q + self.dt * after + (torque + self.kd * after) / self.kp
+
+
+def gains(owner: str, what: str, given: Gains, names: list[str]) -> Vec:
+    """Gains of the joints ``(n,)``; raises DeclarationError unless they are positive (kd: at least 0) and finite."""
+    if isinstance(given, Mapping):
+        missing = [name for name in names if name not in given]
+        if missing:
+            raise DeclarationError(owner, what, value=sorted(given)[:5], allowed=f"a number for {missing[0]} too")
+        given = [given[name] for name in names]
+    try:
+        found = np.broadcast_to(np.asarray(given, dtype=np.float64), (len(names),)).copy()
+    except (TypeError, ValueError) as error:
+        raise DeclarationError(owner, what, value=given, allowed=f"a number, {len(names)} or by joint") from error
+    if not (np.isfinite(found).all() and (found >= 0.0).all() and (what != "kp" or (found > 0.0).all())):
+        raise DeclarationError(
+            owner, what, value=given, allowed="positive numbers [N m/rad], kd at least 0 [N m s/rad]"
+        )
+    return found

@@ -1,0 +1,238 @@
+"""Arms above legs that another controller moves: limits, self-collision, centre of mass, hands, trunk, posture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from hqp.arrays import Index, Vec
+from hqp.declare.element import Element
+from hqp.declare.law import PD, P
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Level, Stack
+from hqp.errors import DeclarationError
+from hqp.loop.controller import Controller
+from hqp.loop.session import Session, Tick
+from hqp.policies.servo import Gains, Servos
+from hqp.programs.formulation import Velocity
+from hqp.tasks import (
+    CollisionAvoidance,
+    Com,
+    JointLimits,
+    Orientation,
+    Payload,
+    Pose,
+    Posture,
+    PrescribedMotion,
+    TorqueLimits,
+    Within,
+)
+from hqp.tasks.collision_pairs import APART, joints_between
+from hqp.tasks.collision_scene import KEPT, scene
+from hqp.torque import Torque
+
+TOUCHING = 2e-3
+"""Links up to three joints apart that are nearer than this at home [m] touch by design, as G1's shoulder and trunk."""
+
+Output = Literal["positions", "velocities", "torques"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpperBody:
+    """The joints that are not ``legs``, above legs and base that are taken as measured (``PrescribedMotion``):
+
+        limits, self-collision > centre of mass near its place over the base > hands > trunk > posture.
+
+    legs: joints or groups of the other controller.  hands: frames with a Pose each, the robot's palms for None.
+    trunk: frame whose orientation is kept, "" for none.  reach [m]: how far the centre of mass may move from where it
+    is at the first tick, along x and y of the base's heading, or the place that ``balance.at`` gives; inf for no bound.
+    clearance, influence [m]: of the arms' links from all others.  output: "velocities" are commands of ``Velocity``,
+    integrated from the first measured posture, as velocity and position servos take them; "torques" are those of
+    ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose torque
+    is that of ``Torque``, so that limits and distances hold for the joints that move.  speed [m/s]: of the hands.
+    Payloads: ``tick`` takes the mass in each hand.  Raises DeclarationError for fields.
+    """
+
+    legs: str | Sequence[str]
+    hands: Sequence[str] | None = None
+    trunk: str = ""
+    reach: float = 0.05
+    clearance: float = 0.02
+    influence: float = 0.12
+    speed: float = 1.5
+    output: Output = "positions"
+    kp: Gains | None = None
+    kd: Gains | None = None
+
+    def __post_init__(self) -> None:
+        if self.output not in ("positions", "velocities", "torques"):
+            raise DeclarationError(
+                "UpperBody", "output", value=self.output, allowed='"positions", "velocities" or "torques"'
+            )
+        if self.output == "positions" and (self.kp is None or self.kd is None):
+            raise DeclarationError("UpperBody", "kp and kd", value=(self.kp, self.kd), allowed="gains of the servos")
+        for what in ("reach", "speed"):
+            value = getattr(self, what)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0.0:
+                raise DeclarationError("UpperBody", what, value=value, allowed="a number above 0")
+
+    def joints(self, robot: Robot) -> tuple[str, ...]:
+        """The controlled joints; raises DeclarationError if none is left, JointNotFound."""
+        legs = set(robot.joints(self.legs).tolist())
+        found = tuple(robot.joint_name(int(c)) for c in robot.actuated if int(c) not in legs)
+        if not found:
+            raise DeclarationError("UpperBody", "legs", value=self.legs, allowed="fewer than all actuated joints")
+        return found
+
+    def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
+        """Its stack; names: ``legs``, ``hand 0``, ``hand 1``, ..., ``balance``, ``trunk``, ``posture``, ``load 0``."""
+        joints, torque = self.joints(robot), self.output != "velocities"
+        frames = tuple(self.hands) if self.hands is not None else tuple(robot.landmarks.get("palms", ()))
+        if not frames:
+            raise DeclarationError("UpperBody", "hands", value=self.hands, allowed="frames; the robot names no palms")
+        law = PD(400.0, 40.0, max_velocity=self.speed) if torque else P(12.0, max_velocity=self.speed)
+        slow = PD(40.0, 13.0) if torque else P(3.0)
+        levels: list[Level] = []
+        if math.isfinite(self.reach):
+            com = Com(axes="xy", relative_to=_base(robot), heading=robot.floating)
+            levels.append(Level(Within(com, lower=-self.reach, upper=self.reach, name="balance"), name="balance"))
+        levels.append(Level(*(Pose(frame=f, law=law, name=f"hand {k}") for k, f in enumerate(frames)), name="hands"))
+        if self.trunk:
+            levels.append(Level(Orientation(frame=self.trunk, law=slow, name="trunk"), name="trunk"))
+        levels.append(Level(Posture(joints=joints, law=slow, name="posture"), name="posture"))
+        subject_to: list[Element] = [
+            PrescribedMotion(joints=self.legs, name="legs"),
+            JointLimits(joints=joints),
+            *((TorqueLimits(),) if torque else ()),
+            *self._apart(robot, joints),
+            *(Payload(frame=f, name=f"load {k}") for k, f in enumerate(frames)),
+        ]
+        return Controller(
+            Stack(*levels, subject_to=subject_to), Torque(holding=None) if torque else Velocity(), deadline=deadline
+        )
+
+    def _apart(self, robot: Robot, joints: tuple[str, ...]) -> tuple[CollisionAvoidance, ...]:
+        """Distances of links that these joints move: from all links more than three joints away, and from nearer ones
+        that do not touch at home, such as the trunk from an upper arm."""
+        moved = {robot.subtree(joint) for joint in joints}
+        body = {_link(c.name): c.body for c in robot.capsules}
+        links = list(body)
+        far = {
+            (a, b): joints_between(robot, body[a], body[b])
+            for i, a in enumerate(links)
+            for b in links[:i]
+            if {body[a], body[b]} & moved
+        }
+        pairs = [pair for pair, count in far.items() if count > 1]
+        if not pairs:
+            return ()
+        limits = {"clearance": self.clearance, "influence": self.influence}
+        found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
+        close = {
+            frozenset((_link(found.name(i)), _link(found.name(j))))
+            for (i, j), least in zip(found.pairs, found.clearance, strict=True)
+            if least < KEPT * TOUCHING
+        }
+        pairs = [pair for pair in pairs if far[pair] > APART or frozenset(pair) not in close]
+        return (CollisionAvoidance(pairs=tuple(pairs), **limits),) if pairs else ()  # type: ignore[arg-type]
+
+    def session(self, robot: Robot, dt: float, *, deadline: float | None = None) -> UpperBodySession:
+        """Compile for a robot at a control period dt [s]; raises DeclarationError, ModelError before the loop."""
+        session = self.controller(robot, deadline=deadline).session(robot, dt, stuck=False)
+        return UpperBodySession(self, session)
+
+
+def _base(robot: Robot) -> str:
+    """The base's frame: the robot's landmark, or the first frame of its first body."""
+    own = [name for name in robot.frame_names if robot.body(robot.frame(name)) == (1 if robot.floating else 0)]
+    return str((robot.landmarks.get("base") or own)[0])
+
+
+def _link(capsule: str) -> str:
+    """The link of a capsule: several of one link are numbered after a slash."""
+    link, _, number = capsule.rpartition("/")
+    return link if link and number.isdigit() else capsule
+
+
+@dataclass(frozen=True, eq=False)
+class UpperBodyTick:
+    """Commands of the controlled joints ``(k,)`` in the order of ``UpperBodySession.joints``.
+
+    positions [rad]: targets of servos with the declared gains; without gains the joints one period later.  velocities
+    [rad/s]: one period later.  torques [N m]: None for output "velocities".  tick: of the stack.
+    """
+
+    positions: Vec
+    velocities: Vec
+    torques: Vec | None
+    tick: Tick
+
+
+class UpperBodySession:
+    """Arms at work on one robot; ``hands``, ``balance``, ``posture`` and ``trunk`` make references."""
+
+    def __init__(self, declared: UpperBody, session: Session) -> None:
+        self.declared, self.session, self.robot = declared, session, session.robot
+        self.joints = declared.joints(self.robot)
+        self.columns: Index = self.robot.joints(self.joints)
+        """Tangent coordinates of ``joints``."""
+        motors = self.robot.actuated.tolist()
+        self._motors = [motors.index(c) for c in self.columns.tolist()]
+        self._servos = None
+        if declared.kp is not None and declared.kd is not None:
+            self._servos = Servos.of("UpperBody", self.robot, self.columns, declared.kp, declared.kd, session.dt)
+        stack = session.stack
+        self.hands: tuple[Any, ...] = tuple(e for e in stack if isinstance(e, Pose))
+        self.loads: tuple[Any, ...] = tuple(e for e in stack if isinstance(e, Payload))
+        self.balance, self.trunk, self.posture = (
+            (stack.find(name) if name in stack else None) for name in ("balance", "trunk", "posture")
+        )
+        self._sent: tuple[Vec, Vec] | None = None
+
+    def step(
+        self, state: State, *references: Reference, loads: Mapping[str, float] | Sequence[float] = (),
+        now: float | None = None,
+    ) -> UpperBodyTick:  # fmt: skip
+        """One tick of a measured state, with references of its elements, such as ``follow.reference(state)``.
+
+        loads: mass in each hand [kg], in order or by frame.  Raises as ``Session.step``.
+        """
+        carried = loads if isinstance(loads, Mapping) else dict(zip((e.frame for e in self.loads), loads, strict=False))
+        given = [*references, *(e.at(carried[e.frame]) for e in self.loads if e.frame in carried)]
+        torque = self.declared.output != "velocities"
+        if not torque:
+            state = self._commanded(state)
+        tick = self.session.step(state, *given, now=now)
+        q, v = tick.advance()
+        angles = self.robot.state(q, v).angles[self.columns]
+        v = v[self.columns]
+        self._sent = (angles, v)
+        if not torque:
+            return UpperBodyTick(angles, v, None, tick)
+        tau = tick.command[self._motors]
+        servos = self._servos
+        return UpperBodyTick(angles if servos is None else angles + (tau + servos.kd * v) / servos.kp, v, tau, tick)
+
+    def _commanded(self, state: State) -> State:
+        """The measured state with the controlled joints as they were sent last, as measured and at rest at first."""
+        if not state.valid:
+            return state
+        angles, v = np.array(state.angles), np.array(state.v)
+        sent = (angles[self.columns], np.zeros(self.columns.size)) if self._sent is None else self._sent
+        angles[self.columns], v[self.columns] = sent
+        q = self.robot.configuration(angles)
+        if self.robot.floating:
+            q[:7] = state.q[:7]
+        return self.robot.state(q, v, time=state.time)
+
+    def begin(self) -> None:
+        """Hand over at the next tick: the first command continues from the measured joints."""
+        self._sent = None
+
+
+__all__ = ["UpperBody", "UpperBodySession", "UpperBodyTick"]

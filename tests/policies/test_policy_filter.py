@@ -1,0 +1,178 @@
+"""A policy's command passes unchanged where nothing binds, and never past a limit: drawn and hostile commands."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.tasks as t
+from hqp import PolicyFilter
+from hqp.errors import DeclarationError
+from hqp.export.loaded import LoadedSession
+from hqp.loop.file import text
+from hqp.policies import Prediction
+from hqp.robots import Robot
+
+DT = 0.002
+KINDS = ("positions", "velocities", "torques")
+
+
+@cache
+def _loaded(name: str) -> Robot:
+    return hqp.robots.load(name)
+
+
+def load(name: str) -> Robot:
+    return _loaded(name).copy()
+
+
+def declared(kind: str, robot: Robot, apart: bool = False) -> PolicyFilter:
+    gains = {"kp": 60.0, "kd": 2.0} if kind == "positions" else {}
+    palms = robot.landmarks.get("palms", ())
+    collision = t.CollisionAvoidance(pairs=((palms[0], palms[1]),)) if apart and len(palms) > 1 else None
+    return PolicyFilter(command=kind, collision=collision, **gains)  # type: ignore[arg-type]
+
+
+class Plant:
+    """Joints that move alone, each by its servo and its inertia at home; the base stands still."""
+
+    def __init__(self, robot: Robot, kind: str, session: Any) -> None:
+        self.robot, self.kind = robot, kind
+        self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
+        self.servos = session.declared.servos(robot, DT)
+
+    def move(self, command: Any) -> None:
+        own, servos = self.robot.actuated, self.servos
+        angles, v = self.robot.state(self.q).angles[own], self.v[own]
+        if self.kind == "velocities":
+            after = command
+        elif self.kind == "torques":
+            after = v + DT * command / servos.inertia
+        else:
+            after = servos.velocity(command, angles, v)
+        self.v = np.zeros(self.robot.nv)
+        self.v[own] = after
+        self.q = self.robot.integrate(self.q, self.v, DT)
+
+
+def hostile(rng: np.random.Generator, kind: str, robot: Robot, i: int) -> Any:
+    """Random, saturated, alternating, huge, NaN, infinite, in stretches of 40 ticks."""
+    n, own = robot.actuated.size, robot.actuated
+    centre = robot.state(robot.home).angles[own] if kind == "positions" else np.zeros(n)
+    width = {"positions": 2.0, "velocities": 30.0, "torques": 200.0}[kind]
+    way = (i // 40) % 6
+    if way == 0:
+        return centre + width * rng.normal(size=n)
+    if way == 1:
+        return centre + width * np.sign(np.sin(np.arange(n) + i // 40))
+    if way == 2:
+        return centre + width * (-1.0) ** i
+    if way == 3:
+        return np.full(n, 1e300 * (-1.0) ** (i // 20))
+    if way == 4:
+        return np.where(rng.uniform(size=n) < 0.5, math.nan, centre + 0.1)
+    return np.full(n, math.inf)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["g1", "ur5", "anymal"])
+def test_what_breaks_no_limit_passes_to_the_bit(name: str, kind: str) -> None:
+    robot = load(name)
+    session = declared(kind, robot, apart=True).session(robot, DT, deadline=math.inf)
+    plant, rng = Plant(robot, kind, session), np.random.default_rng(0)
+    centre = robot.state(robot.home).angles[robot.actuated] if kind == "positions" else 0.0
+    phases, free = rng.uniform(0.0, 6.0, robot.actuated.size), 0
+    for i in range(150):
+        command = centre + 0.02 * np.sin(0.05 * i + phases)
+        tick = session.tick(plant.q, plant.v, command)
+        if not tick.limited:
+            np.testing.assert_allclose(tick.command, command, rtol=0.0, atol=1e-12)
+            free += 1
+        plant.move(tick.command)
+    assert free > 100
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["g1", "ur5", "anymal"])
+def test_no_command_passes_a_limit(name: str, kind: str) -> None:
+    """Positions, speeds and torques of what moves, after each of many hostile ticks; plain arithmetic judges."""
+    robot, rng = load(name), np.random.default_rng(1)
+    session = declared(kind, robot).session(robot, DT, deadline=math.inf)
+    plant, own, limited = Plant(robot, kind, session), robot.actuated, 0
+    effort = plant.servos.effort
+    for i in range(480):
+        angles, v = robot.state(plant.q).angles[own], plant.v[own]
+        tick = session.tick(plant.q, plant.v, hostile(rng, kind, robot, i))
+        assert np.isfinite(tick.command).all()
+        limited += bool(tick.limited)
+        if kind == "positions":
+            tau = plant.servos.kp * (tick.command - angles) - plant.servos.kd * v
+            assert (np.abs(tau) <= effort * (1.0 + 1e-9) + 1e-9).all()
+        if kind == "torques":
+            assert (np.abs(tick.command) <= effort).all()
+        plant.move(tick.command)
+        angles = robot.state(plant.q).angles[own]
+        over = np.maximum(robot.lower[own] - angles, angles - robot.upper[own]).max()
+        assert over < 1e-6, (i, over)
+        assert (np.abs(plant.v[own]) <= robot.velocity_limit[own] * (1.0 + 1e-9) + 1e-9).all(), i
+    assert limited > 300
+
+
+def test_the_tick_says_who_was_limited_and_by_how_much() -> None:
+    robot = load("ur5")
+    session = PolicyFilter(kp=400.0, kd=20.0).session(robot, DT, deadline=math.inf)
+    asked = robot.home.copy()
+    asked[2] += 3.0
+    tick = session.tick(robot.home, np.zeros(robot.nv), asked)
+    assert list(tick.limited) == [robot.joint_names[2]]
+    np.testing.assert_allclose(tick.limited[robot.joint_names[2]], tick.command[2] - asked[2])
+    np.testing.assert_array_equal(np.delete(tick.command, 2), np.delete(asked, 2))
+    asked[4] = math.nan
+    tick = session.tick(robot.home, np.zeros(robot.nv), asked)
+    assert math.isnan(tick.limited[robot.joint_names[4]])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_and_a_batch_send_the_same_bits(kind: str) -> None:
+    robot, rng, count = load("g1"), np.random.default_rng(2), 3
+    own = declared(kind, robot)
+    session = own.session(robot, DT, deadline=math.inf)
+    file = LoadedSession(text(session.session))
+    batch = hqp.Batch(own.controller(robot, deadline=math.inf), load("g1"), count, DT, threads=1)
+    one, many = Prediction(own, own.servos(robot, DT)), Prediction(own, own.servos(robot, DT))
+    plant, joints = Plant(robot, kind, session), robot.actuated
+    for i in range(60):
+        command = hostile(rng, kind, robot, 3 * i)
+        q, v = robot.state(plant.q).angles[joints], plant.v[joints]
+        live = session.tick(plant.q, plant.v, command)
+        taken, free = one.begin(command, q, v)
+        found = file.step(plant.q, plant.v, {"policy": (np.zeros(free.size), free)})
+        np.testing.assert_array_equal(one.end(taken, free, found.x[joints], q, v, True), live.command)
+        Q, V = np.tile(q, (count, 1)), np.tile(v, (count, 1))
+        takens, frees = many.begin(np.tile(command, (count, 1)), Q, V)
+        ticks = batch.step(
+            np.tile(plant.q, (count, 1)), np.tile(plant.v, (count, 1)), {"policy": (np.zeros_like(frees), frees)}
+        )
+        sent = many.end(takens, frees, ticks.x[:, joints], Q, V, np.full(count, True))
+        np.testing.assert_array_equal(sent, np.tile(live.command, (count, 1)))
+        plant.move(live.command)
+
+
+def test_declared() -> None:
+    robot: Any = load("ur5")
+    for bad, what in (
+        (lambda: PolicyFilter(), "kp and kd"),
+        (lambda: PolicyFilter(limits=3, kp=1.0, kd=1.0), "limits"),  # type: ignore[arg-type]
+        (lambda: PolicyFilter(collision=3, kp=1.0, kd=1.0), "collision"),  # type: ignore[arg-type]
+        (lambda: PolicyFilter(command="force"), "command"),  # type: ignore[arg-type]
+        (lambda: PolicyFilter(kp=-1.0, kd=1.0).session(robot, DT), "kp"),
+        (lambda: PolicyFilter(kp={"elbow_joint": 1.0}, kd=1.0).session(robot, DT), "kp"),
+        (lambda: PolicyFilter(kp=1.0, kd=1.0).session(robot, DT).tick(robot.home, np.zeros(6), np.zeros(5)), "shape"),
+    ):
+        with pytest.raises(DeclarationError, match=what):
+            bad()

@@ -1,0 +1,188 @@
+"""Arms above legs of another controller: hand-over, limits, distances, loads, outputs, by judges that are not ours."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import UpperBody
+from hqp.errors import DeclarationError
+from hqp.export.loaded import LoadedSession
+from hqp.loop.file import text
+from hqp.robots import Robot
+from tests.tasks.test_prescribed import legs_of, nearest
+
+DT = 0.01
+OUTPUTS = ("positions", "velocities", "torques")
+
+
+@cache
+def _loaded(name: str) -> Robot:
+    return hqp.robots.load(name)
+
+
+def load(name: str) -> Robot:
+    return _loaded(name).copy()
+
+
+def made(robot: Robot, output: str, **fields: Any) -> Any:
+    gains = {"kp": 100.0, "kd": 5.0} if output == "positions" else {}
+    hands = robot.landmarks["palms"][:2]
+    declared = UpperBody(legs=legs_of(robot), hands=hands, output=output, **gains, **fields)  # type: ignore[arg-type]
+    return declared.session(robot, DT, deadline=math.inf)
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("name", ["g1", "talos"])
+def test_the_first_command_continues_from_what_is_measured(name: str, output: str) -> None:
+    """Drawn postures: the joints one period later are within 1e-3 rad, the torque of the target is the stack's."""
+    robot, rng = load(name), np.random.default_rng(0)
+    clear = 0
+    for width in (0.1, 0.05, 0.0):
+        arms = made(robot, output)
+        q = robot.integrate(robot.home, np.r_[np.zeros(6), rng.uniform(-width, width, robot.nv - 6)], 1.0)
+        angles = np.clip(robot.state(q).angles, robot.lower + 0.02, robot.upper - 0.02)
+        q[7:] = robot.configuration(angles)[7:]
+        state = robot.state(q)
+        near = arms.session.stack.find("collision").near(state)
+        apart = all(n is None or n.distance >= n.clearance for n in near)
+        most, clear = (1e-3, clear + 1) if apart else (1e-2, clear)  # from inside a clearance it leaves at once
+        before = state.angles[arms.columns].copy()
+        goals = [hand.at(hand.value(state)) for hand in arms.hands]
+        tick = arms.step(state, *goals)
+        assert np.abs(before + DT * tick.velocities - before).max() < most
+        if output == "velocities":
+            assert np.abs(tick.positions - before).max() < most
+        if output == "positions":
+            after = before + DT * tick.velocities
+            np.testing.assert_allclose(
+                100.0 * (tick.positions - after) - 5.0 * tick.velocities, tick.torques, atol=1e-9
+            )
+
+
+@pytest.mark.parametrize("name", ["g1", "talos"])
+def test_drawn_goals_above_moving_legs(name: str) -> None:
+    """Hands sent anywhere while legs and base move: ranges and speeds hold, and no hand touches a leg, by coal."""
+    robot, rng = load(name), np.random.default_rng(1)
+    arms = made(robot, "velocities")
+    legs = np.setdiff1d(np.arange(robot.nv), arms.columns)
+    pairs = (
+        tuple((a, b) for a, b in arms.session.stack.find("collision").pairs if "wrist" in a + b and "ankle" in a + b)
+        or arms.session.stack.find("collision").pairs[:3]
+    )
+    q, v, least, off = robot.home.copy(), np.zeros(robot.nv), math.inf, 0.0
+    top = robot.velocity_limit[arms.columns]
+    for i in range(200):
+        if i % 50 == 0:
+            state = robot.state(robot.home)
+            goals = [np.array(hand.value(state)) for hand in arms.hands]
+            for goal in goals:
+                goal[:3, 3] += rng.uniform(-0.5, 0.5, 3)
+        v[legs] = 0.2 * np.sin(0.1 * i + legs)
+        tick = arms.step(robot.state(q, v), *(h.at(goal) for h, goal in zip(arms.hands, goals, strict=True)))
+        assert tick.tick.solved, tick.tick.notes
+        v[arms.columns] = tick.velocities
+        q = robot.integrate(q, v, DT)
+        angles = robot.state(q).angles[arms.columns]
+        np.testing.assert_allclose(angles, tick.positions, atol=1e-9)
+        off = max(off, np.maximum(robot.lower[arms.columns] - angles, angles - robot.upper[arms.columns]).max())
+        assert (np.abs(tick.velocities) <= top + 1e-9).all()
+        if i % 10 == 0:
+            least = min(least, nearest(robot, q, pairs))
+    assert off < 1e-6
+    assert least > 0.0
+
+
+def test_the_centre_of_mass_stays_near_its_place_over_the_base() -> None:
+    """Both hands pulled forward: with reach 2 cm it moves by 2 cm, and without a bound by more; by Pinocchio."""
+    import pinocchio as pin
+
+    moved = {}
+    for reach in (0.02, math.inf):
+        robot = load("g1")
+        arms = made(robot, "velocities", reach=reach)
+        q, v = robot.home.copy(), np.zeros(robot.nv)
+        data = robot.model.createData()
+        start = pin.centerOfMass(robot.model, data, q)[0]
+        goals = [np.array(hand.value(robot.state(q))) for hand in arms.hands]
+        for goal in goals:
+            goal[:3, 3] += (0.5, 0.0, 0.2)
+        for _ in range(300):
+            tick = arms.step(robot.state(q, v), *(h.at(goal) for h, goal in zip(arms.hands, goals, strict=True)))
+            v[arms.columns] = tick.velocities
+            q = robot.integrate(q, v, DT)
+        moved[reach] = pin.centerOfMass(robot.model, data, q)[0] - start
+    assert moved[0.02] < 0.0201
+    assert moved[math.inf] > 0.025
+
+
+def test_a_load_in_a_hand_is_carried() -> None:
+    """At rest the torque changes by the weight's moments, by Pinocchio's Jacobian."""
+    import pinocchio as pin
+
+    robot = load("g1")
+    arms = made(robot, "torques", reach=math.inf)
+    q, frame = robot.home, arms.hands[0].frame
+    goals = [hand.at(hand.value(robot.state(q))) for hand in arms.hands]
+    plain = arms.step(robot.state(q), *goals).torques
+    loaded = arms.step(robot.state(q), *goals, loads={frame: 1.5}).torques
+    data = robot.model.createData()
+    J = pin.computeFrameJacobian(
+        robot.model, data, q, robot.model.getFrameId(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    )
+    weight = J[2, arms.columns] * 1.5 * 9.81
+    np.testing.assert_allclose(loaded - plain, weight, atol=2e-3 * np.abs(weight).max())
+
+
+@pytest.mark.parametrize("output", ["velocities", "torques"])
+def test_its_stack_in_a_file_has_the_same_bits(output: str) -> None:
+    robot = load("g1")
+    arms = made(robot, output)
+    file = LoadedSession(text(arms.session))
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    for i in range(20):
+        state = robot.state(q, v)
+        goals = {hand.name: np.array(hand.value(state)) for hand in arms.hands}
+        for goal in goals.values():
+            goal[2, 3] += 0.05
+        tick = arms.step(state, *(hand.at(goals[hand.name]) for hand in arms.hands)).tick
+        if i == 0:
+            for name, value in arms.session.hold_values.items():
+                if name in file.names:
+                    file.hold(name, value)
+        np.testing.assert_array_equal(file.step(q, v, goals).x, tick.x)
+        q, v = tick.advance()
+
+
+def test_an_operator_leads_a_hand() -> None:
+    robot = load("g1")
+    arms = made(robot, "velocities")
+    hand = arms.hands[0]
+    follow = hqp.Follow(hand)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goal = np.array(hand.value(robot.state(q)))
+    goal[2, 3] += 0.1
+    for k in range(200):
+        follow.receive(goal, sent=k * DT, received=k * DT)
+        state = robot.state(q, v)
+        tick = arms.step(state, follow.reference(state, now=k * DT))
+        v[arms.columns] = tick.velocities
+        q = robot.integrate(q, v, DT)
+    assert np.abs(hand.value(robot.state(q))[:3, 3] - goal[:3, 3]).max() < 2e-3
+
+
+def test_declared() -> None:
+    robot = load("g1")
+    for bad, what in (
+        (lambda: UpperBody(legs=["left_knee_joint"]), "kp and kd"),
+        (lambda: UpperBody(legs=[], output="force"), "output"),  # type: ignore[arg-type]
+        (lambda: UpperBody(legs=[], output="torques", reach=0.0), "reach"),
+        (lambda: UpperBody(legs=robot.joint_names, output="torques").session(robot, DT), "legs"),
+    ):
+        with pytest.raises(DeclarationError, match=what):
+            bad()
