@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -15,7 +17,7 @@ from hqp.declare.law import PD, P
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, ModelWarning
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
 from hqp.policies.servo import Gains, Servos
@@ -132,13 +134,19 @@ class UpperBody:
         if not pairs:
             return ()
         limits = {"clearance": self.clearance, "influence": self.influence}
-        found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
-        close = {
-            frozenset((_link(found.name(i)), _link(found.name(j))))
-            for (i, j), least in zip(found.pairs, found.clearance, strict=True)
-            if least < KEPT * TOUCHING
-        }
-        pairs = [pair for pair in pairs if far[pair] > APART or frozenset(pair) not in close]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # of overlaps at home, which are left out here
+            found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
+        apart: dict[frozenset[str], list[float]] = {}
+        for (i, j), least in zip(found.pairs, found.clearance, strict=True):
+            apart.setdefault(frozenset((_link(found.name(i)), _link(found.name(j)))), []).append(least)
+        capsules = Counter(_link(c.name) for c in robot.capsules)
+
+        def free(a: str, b: str) -> bool:
+            known = apart.get(frozenset((a, b)), [])
+            return len(known) == capsules[a] * capsules[b] and min(known) >= KEPT * min(TOUCHING, self.clearance)
+
+        pairs = [pair for pair in pairs if far[pair] > APART or free(*pair)]
         return (CollisionAvoidance(pairs=tuple(pairs), **limits),) if pairs else ()  # type: ignore[arg-type]
 
     def session(self, robot: Robot, dt: float, *, deadline: float | None = None) -> UpperBodySession:
