@@ -2,7 +2,7 @@
 
 import builtins
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, overload
+from typing import Any
 
 from numpy import int32
 from numpy.typing import NDArray
@@ -126,28 +126,6 @@ class Live:
     def too_large(self, q: Vec, v: Vec, angles: Vec) -> str:
         """Which number of a valid state is too large; "" for none."""
 
-class StateBounds:
-    """Magnitudes beyond which a state is a fault of its source, ``(nv,)`` each; names of the coordinates."""
-
-    def __init__(
-        self,
-        low: Sequence[float],
-        high: Sequence[float],
-        speed: Sequence[float],
-        distance: float,
-        floating: bool,
-        names: Sequence[str],
-    ) -> None: ...
-    def fault(self, angles: Vec, q: Vec, v: Vec) -> str:
-        """Which number is too large; "" for none."""
-
-class StateAge:
-    """How old a state may be [s]."""
-
-    def __init__(self, most: float) -> None: ...
-    def fault(self, time: float | None, now: float) -> str:
-        """What is wrong with a state of that time; "" for nothing."""
-
 class RateLimiter:
     """Holds the change of a command within a limit of that name; inverse: one over the largest change in a tick."""
 
@@ -159,16 +137,8 @@ class ContactWatch:
     """Counts the ticks for which each contact has carried next to nothing, by the loads given for it."""
 
     LEAST_LOAD: float
-    names: Sequence[str]
-    missing: bool
-    """Whether there is one that carried nothing when last measured."""
 
     def __init__(self, names: Sequence[str], dt: float) -> None: ...
-    def measure(self, name: str, load: float) -> bool:
-        """Take a load [N]; whether the name is that of a contact."""
-
-    def judge(self, out: frozenset[str]) -> None:
-        """Contacts that are out of the tick are not judged: nothing assumes them."""
 
 class LimitWatch:
     """Counts how often each limit of a joint binds on the one side and then on the other, by the marks of its rows."""
@@ -177,19 +147,11 @@ class LimitWatch:
     """Alternations are counted over this time, in the mean [s]."""
     OFTEN: float
     """Alternations a second from which on a joint is restless."""
-    busy: bool
-    """Whether a rate has still to fade, or bounds meet."""
-    meet: bool
-    """Whether the bounds of a joint meet: its limits are outside the window of what it can do."""
 
     def __init__(self, parts: Sequence[tuple[int, int]], names: Sequence[str], dt: float) -> None: ...
     def look(self, record: bytearray, begin: int, tick: int) -> list[tuple[str, int, str]]:
         """Notes on limits that alternate, with how often, by the marks of all rows from ``begin`` on; needed where
         they changed, or busy."""
-
-    @staticmethod
-    def passed(over: float, unit: str) -> str:
-        """By how much a joint that comes to rest so far beyond its position limit passes it; "" for not at all."""
 
 class Budget:
     """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""
@@ -217,22 +179,10 @@ class Budget:
 class Rest:
     """Answers that bring a robot to rest."""
 
-class SlowDown(Rest):
-    """Velocity level."""
-
-    def __init__(
-        self, low: Sequence[float], high: Sequence[float], joints: Sequence[int], deceleration: float, dt: float
-    ) -> None: ...
-
 class Brake(Rest):
     """Acceleration level."""
 
     def __init__(self, nv: int, joints: Sequence[int], deceleration: float, dt: float) -> None: ...
-
-class Hold(Rest):
-    """Torque level."""
-
-    def __init__(self, limit: Sequence[float], motors: Sequence[int], damping: float, dt: float) -> None: ...
 
 class Outgoing:
     """What is sent of the answers to a hierarchy: notes of element, number of a status and text.
@@ -243,7 +193,6 @@ class Outgoing:
     LONGEST: int
     """After so many ticks that were cut the answers before tell little of what comes."""
 
-    @overload
     def __init__(
         self,
         hierarchy: object,
@@ -257,8 +206,6 @@ class Outgoing:
         places in x.  most: by how much one may change in a tick towards an answer that was cut.  violation:
         VIOLATION_TOLERANCE.  sentences: on each status."""
 
-    @overload
-    def __init__(self, other: Outgoing) -> None: ...
     def take(
         self,
         answer: tuple[int, Vec, Vec, str],
@@ -288,9 +235,6 @@ class Outgoing:
     ) -> list[tuple[str, int, str]]:
         """The next x towards rest.  start: angles, v, holding and felt of this state, if it is fit, or of the last good
         one.  held: for how many ticks by now.  why: the status of the tick."""
-
-    def limit(self, limiter: RateLimiter, last: Vec, x: Vec) -> list[tuple[str, int, str]]:
-        """x, or the point towards it that the limiter allows."""
 
     def solved(self, x: Vec, tick: int) -> None:
         """A solved answer that was sent in the tick of that number."""

@@ -1,4 +1,4 @@
-"""Native checks of states and commands, shared by Python and C++ (hqp/cpp/session): without it there is no session."""
+"""The native session (hqp/cpp/session), which every session in Python needs."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ except ImportError:  # no compiler was there
     native: Any = None
 else:
     native = _session
-"""StateBounds, RateLimiter, Budget, Outgoing, SlowDown, Brake and Hold."""
+"""Sessions, rate limits and watches; None if they are not compiled."""
 
 
 def require_compiled() -> None:
-    """Raise HqpError where a part was not compiled: a session needs them all."""
+    """Raise HqpError if a native part is not compiled: a session needs them all."""
     if gone := missing():
         raise HqpError(f"a session needs the compiled parts of hqp; missing: {', '.join(gone)}. {ADVICE}")

@@ -1,4 +1,4 @@
-// What of a tick is written in Python: rows of a user's own, a solver that is a plug-in, kinematics of other joints.
+// Parts of a tick written in Python: rows of a user's own, a solver that is a plug-in, kinematics of other joints.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@ namespace hqp {
 
 class Foreign {
  public:
-  // What is wrong with an element; null where nothing is known to be.  leave: whether it is left out of the tick.
+  // Problem of an element, null if none is known.  leave: true if the element is left out of the tick.
   struct Fault {
     const char* text = nullptr;
     Status status = Status::kInvalidElement;

@@ -1,4 +1,4 @@
-// What a session lets in and out: states of ordinary size, commands that change no faster than they may.
+// Limits of states and commands: states of ordinary size, commands that change no faster than they may.
 #pragma once
 
 #include <cmath>
@@ -92,7 +92,7 @@ class StateAge {
   std::string none_;
 };
 
-// What makes q and v a state, and one of ordinary size.
+// Checks that q and v are a state of ordinary size.
 class StateCheck {
  public:
   // places, speeds: the joint of each number of q and of v.  ordinary: squares that sum up to less need no second look.
@@ -129,7 +129,7 @@ class StateCheck {
     if (age_ && !age_->hold(time, now, why)) return false;
     return square < ordinary_ || within(q, v, angles, why);
   }
-  // Whether no number of a valid state is too large.
+  // Return true if no number of a valid state is too large.
   bool within(const double* q, const double* v, const double* angles, Note& why) {
     if (!kinematics_) return bounds_.hold(angles, q, v, why);
     kinematics_->angles(q, angles_.data());

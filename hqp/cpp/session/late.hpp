@@ -1,4 +1,4 @@
-// A late tick: where the solver was cut, the command goes on as the answers before moved, or to what is better.
+// A late tick: continue the motion of the answers before, or take the cut answer if it is better.
 //
 // A point is better than another one where, in the first level whose ||w_k|| differ by more than what the level gives
 // to those below, ||w_k|| is smaller and so is what the level minimises, ||w_k|| + c_k E(x) with its price c_k on
@@ -18,10 +18,10 @@
 
 namespace hqp {
 
-// How the answers of a session move, from the last two that were solved.
+// Rate of the answers of a session, from the last two that were solved.
 class Trend {
  public:
-  static constexpr int kLongest = 25;  // after so many late ticks the answers before tell little of what comes
+  static constexpr int kLongest = 25;  // late ticks after which the trend is obsolete
 
   explicit Trend(std::size_t n) : x_(n), rate_(n) {}
 
@@ -37,7 +37,7 @@ class Trend {
     known_ = std::max(known_, 1);
     tick_ = tick;
   }
-  // Where the last x comes to in this tick; the last x itself where no two answers are known.
+  // Extrapolate the last x to this tick; without two answers return it.
   void after(const double* last, std::int64_t tick, double* to) const {
     const bool moves = known_ == 2 && tick <= tick_ + kLongest;
     for (std::size_t i = 0; i < x_.size(); ++i) to[i] = moves ? last[i] + rate_[i] : last[i];
@@ -55,7 +55,7 @@ class Trend {
   std::int64_t tick_ = 0;
 };
 
-// Of row i of a level at x (n).
+// Value of row i of a level at x (n).
 inline double value(const Level& level, int i, const double* x, int n) {
   if (!level.A) return level.scale[i] * x[level.index[i]];
   const double* row = level.A + std::ptrdiff_t(i) * n;
@@ -64,7 +64,7 @@ inline double value(const Level& level, int i, const double* x, int n) {
   return sum;
 }
 
-// What is sent in place of an answer that was cut.
+// Replacement of a cut answer.
 class Late {
  public:
   // levels, law: live; violation: VIOLATION_TOLERANCE.  Without a law no level has a price.
@@ -155,7 +155,7 @@ class Late {
     return 0.5 * square;
   }
 
-  // Whether the first level that differs tells for the first point; soon: and by more than is made up soon.
+  // Return true if one is better in the first level that differs; soon: by more than the next ticks make up.
   bool better(const Point& one, const Point& other, bool soon) const {
     std::size_t at = 0;
     for (std::size_t k = 0; k < levels_.size(); at += std::size_t(levels_[k++].m)) {

@@ -23,19 +23,19 @@ struct Member {
   bool hard, contact, equality, own_bounds;
   int level, first, last;
   int row, row_end;
-  int slot;  // where its reference goes, -1 for none
+  int slot;  // slot of its reference, -1 for none
   std::vector<std::string> row_names;
   // Of rows that are not on motion: the bounds that make them free while it is out, and what they are else.
   double *lower = nullptr, *upper = nullptr;
   std::vector<double> low, high;
   bool out = false;
-  int operation = -1;              // what writes its rows, -1 for none
-  std::vector<std::string> units;  // of rows that are limits of joints
+  int operation = -1;              // operation that writes its rows, -1 for none
+  std::vector<std::string> units;  // units of joint limits, empty for other rows
 };
 
 class Line {
  public:
-  // foreign: what of a tick is written in Python, null for nothing.
+  // foreign: parts of a tick written in Python, null for none.
   template <class Node>
   Line(const Node& root, const Parts& parts, Foreign* foreign)
       : nq_(root.part("robot").integer("nq")),
@@ -114,9 +114,9 @@ class Line {
     }
     return torque()->run(v);
   }
-  // The same of rows that are all there.
+  // Solve rows that are complete.
   Solved run(const double* v) { return solve_ ? solve_->run(v) : Solved{kAskPython}; }
-  // What runs ahead of the solver, and it, from now on; null for the solver alone.
+  // Run this call ahead of the solver from now on; null for the solver alone.
   void ahead(SolveCall* call) {
     solve_ = call ? call : parts_.solver.get();
     if (torque()) torque()->before(solve_, &assembly());
@@ -149,7 +149,7 @@ class Line {
     }
   }
 
-  // Whether the rows of an element are numbers of ordinary size, and no bounds crossed; why not.
+  // Return true if the rows of an element are of ordinary size and its bounds in order; why: the reason if not.
   bool usable(const Member& member, Note& why) const {
     const auto wrong = [&](Cause cause, double amount, double allowed) {
       why.cause = cause, why.amount = amount, why.allowed = allowed;
@@ -211,7 +211,7 @@ class Line {
     }
   }
 
-  // What is sent of its answers; the rest as of Outgoing.
+  // Make the outgoing command of its answers; see Outgoing.
   Outgoing outgoing(std::vector<int> motors, double most, double violation, std::vector<std::string> sentences) const {
     std::vector<Outgoing::Part> parts;
     for (const Member* one : placed_)
@@ -229,7 +229,7 @@ class Line {
                                      Status::kNotCertified, Status::kIterationLimit, Status::kTimeLimit};
     return all;
   }
-  // Of stages that ended early, or with constraints violated.
+  // Answer of stages that ended early, or with constraints violated.
   Answered unsettled() {
     PricedStages& stages = solver()->stages();
     const bool off = solver()->describe(solver()->end().data(), slacks_.data(), marks_.data());
@@ -242,7 +242,7 @@ class Line {
     return answer;
   }
 
-  // Where a member's rows are made free.
+  // Bind the bounds that are opened while a member is absent.
   template <class Node>
   void bind_free(const Node& motion, Member& member) {
     if (member.row < member.row_end || member.level < 0 || member.first == member.last) return;

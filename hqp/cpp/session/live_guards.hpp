@@ -1,5 +1,4 @@
-// Python's view of what a session lets in and out: bounds, rates, time, answers of a hierarchy, and how it comes to
-// rest.
+// Bindings of rate limits, watches, the time budget and the outgoing command, for transitions and tests.
 #pragma once
 
 #include <optional>
@@ -47,7 +46,7 @@ inline auto teller(Notes& notes) {
       [&notes](const hqp::Note& note) { notes.emplace_back(note.element, static_cast<int>(note.status), note.text()); };
 }
 
-// What is sent of the answers to a hierarchy whose arrays are live.
+// The outgoing command of a hierarchy whose arrays are live.
 class Outgoing {
  public:
   using Part = std::tuple<std::string, int, int, int, Names>;                             // see hqp::Outgoing::Part
@@ -78,15 +77,10 @@ class Outgoing {
     outgoing_.rest(rest, from, fit, held, static_cast<hqp::Status>(why), of(before), limiter, of(x), teller(notes));
     return notes;
   }
-  Notes limit(const hqp::RateLimiter& limiter, const Vector& last, const Written& x) {
-    Notes notes;
-    outgoing_.limit(limiter, of(last), of(x), teller(notes));
-    return notes;
-  }
   void solved(const Vector& x, std::int64_t tick) { outgoing_.trend().take(of(x), tick); }
 
  private:
-  // A state as a robot comes to rest from it, with its arrays.
+  // State at the begin of braking, with its arrays.
   struct Start {
     const hqp::Rest& rest;
     const nb::callable& told;
@@ -132,51 +126,12 @@ class Outgoing {
 };
 
 inline void bind_guards(nb::module_& module) {
-  nb::class_<hqp::StateBounds>(module, "StateBounds")
-      .def(nb::init<Numbers, Numbers, Numbers, double, bool, Names>(), "low"_a, "high"_a, "speed"_a, "distance"_a,
-           "floating"_a, "names"_a)
-      .def(
-          "fault",
-          [](const hqp::StateBounds& self, const Vector& angles, const Vector& q, const Vector& v) {
-            hqp::Note why;
-            const bool held = self.hold(numbers(angles, self.size()), q.data(), numbers(v, self.size()), why);
-            return held ? std::string() : why.text();
-          },
-          "angles"_a, "q"_a, "v"_a);
-
-  nb::class_<hqp::StateAge>(module, "StateAge")
-      .def(nb::init<double>(), "most"_a)
-      .def(
-          "fault",
-          [](const hqp::StateAge& self, std::optional<double> time, double now) {
-            hqp::Note why;
-            return self.hold(time ? &*time : nullptr, now, why) ? std::string() : why.text();
-          },
-          "time"_a.none(), "now"_a);
-
   nb::class_<hqp::RateLimiter>(module, "RateLimiter")
       .def(nb::init<Names, Numbers, double, std::string>(), "joints"_a, "inverse"_a, "dt"_a, "name"_a)
       .def_prop_ro("inverse", &hqp::RateLimiter::inverse);
 
   nb::class_<hqp::ContactWatch> contacts(module, "ContactWatch");
-  contacts.def(nb::init<Names, double>(), "names"_a, "dt"_a)
-      .def(
-          "measure",
-          [](hqp::ContactWatch& self, const std::string& name, double load) {
-            const Names& names = self.names();
-            const auto found = std::find(names.begin(), names.end(), name);
-            if (found != names.end()) self.measure(std::size_t(found - names.begin()), load);
-            return found != names.end();
-          },
-          "name"_a, "load"_a)
-      .def(
-          "judge",
-          [](hqp::ContactWatch& self, const nb::frozenset& out) {
-            for (std::size_t k = 0; k < self.names().size(); ++k) self.judge(k, out.contains(self.names()[k].c_str()));
-          },
-          "out"_a)
-      .def_prop_ro("names", &hqp::ContactWatch::names)
-      .def_prop_ro("missing", &hqp::ContactWatch::missing);
+  contacts.def(nb::init<Names, double>(), "names"_a, "dt"_a);
   contacts.attr("LEAST_LOAD") = hqp::ContactWatch::kLeastLoad;
 
   nb::class_<hqp::LimitWatch> limits(module, "LimitWatch");
@@ -190,16 +145,7 @@ inline void bind_guards(nb::module_& module) {
             self.look(marks, tick, teller(found));
             return found;
           },
-          "record"_a, "begin"_a, "tick"_a)
-      .def_static(
-          "passed",
-          [](double over, const std::string& unit) {
-            hqp::Note why;
-            return hqp::LimitWatch::passed(over, unit.c_str(), why) ? why.text() : "";
-          },
-          "over"_a, "unit"_a)
-      .def_prop_ro("busy", &hqp::LimitWatch::busy)
-      .def_prop_ro("meet", &hqp::LimitWatch::meet);
+          "record"_a, "begin"_a, "tick"_a);
   limits.attr("SPAN") = hqp::LimitWatch::kSpan;
   limits.attr("OFTEN") = hqp::LimitWatch::kOften;
 
@@ -220,23 +166,16 @@ inline void bind_guards(nb::module_& module) {
   outgoing
       .def(nb::init<nb::object, const std::vector<Outgoing::Part>&, std::vector<int>, double, double, Names>(),
            "hierarchy"_a, "parts"_a, "motors"_a, "most"_a, "violation"_a, "sentences"_a)
-      .def(nb::init<const Outgoing&>(), "other"_a)
       .def("take", &Outgoing::take, "answer"_a, "before"_a, "rest"_a, "start"_a, "contacts"_a, "limiter"_a.none(),
            "x"_a.noconvert())
       .def("rest", &Outgoing::rest, "rest"_a, "start"_a, "fit"_a, "held"_a, "why"_a, "before"_a, "limiter"_a.none(),
            "x"_a.noconvert())
-      .def("limit", &Outgoing::limit, "limiter"_a, "last"_a, "x"_a.noconvert())
       .def("solved", &Outgoing::solved, "x"_a, "tick"_a);
   outgoing.attr("LONGEST") = hqp::Trend::kLongest;
 
   nb::class_<hqp::Rest>(module, "Rest");
-  nb::class_<hqp::SlowDown, hqp::Rest>(module, "SlowDown")
-      .def(nb::init<Numbers, Numbers, std::vector<int>, double, double>(), "low"_a, "high"_a, "joints"_a,
-           "deceleration"_a, "dt"_a);
   nb::class_<hqp::Brake, hqp::Rest>(module, "Brake")
       .def(nb::init<std::size_t, std::vector<int>, double, double>(), "nv"_a, "joints"_a, "deceleration"_a, "dt"_a);
-  nb::class_<hqp::Hold, hqp::Rest>(module, "Hold")
-      .def(nb::init<Numbers, std::vector<int>, double, double>(), "limit"_a, "motors"_a, "damping"_a, "dt"_a);
 }
 
 }  // namespace binding

@@ -1,5 +1,5 @@
-// What a session sends: answers, what goes on in the place of one that was cut, and a command that comes to rest where
-// none is usable; no further from the last one than it may go, with notes on what of subject_to is off.
+// The outgoing command: the answer, the continuation of a cut answer, or a command that comes to rest, within the rate
+// limits, with notes on violated rows of subject_to.
 #pragma once
 
 #include <algorithm>
@@ -18,13 +18,13 @@
 
 namespace hqp {
 
-// What a solver gave: slacks and marks of all rows, and what it says of them, if anything.
+// Answer of a solver, with slacks and marks of all rows.
 struct Answered {
   Status status;
   const double *x, *slack;
   const std::int8_t* marks;
   const char* detail = "";
-  const double* points = nullptr;  // of stages, where it is theirs
+  const double* points = nullptr;  // stage points, null without stages
   std::size_t point_count = 0;
   int iterations = 0, factorisations = 0;
 };
@@ -55,7 +55,7 @@ inline bool violated(const double* w, const double* lower, const double* upper, 
   return any;
 }
 
-// What an answer follows: the x that was sent last, whether an answer was usable before, and the number of the tick.
+// State before a tick: the last x, true if an answer was usable before, and the number of the tick.
 struct Before {
   const double* x;
   bool good;
@@ -64,7 +64,7 @@ struct Before {
 
 class Outgoing {
  public:
-  static constexpr double kOut = 1e-6;  // of 1 + |bound|: more than rounding of an answer
+  static constexpr double kOut = 1e-6;  // share of 1 + |bound| above rounding
 
   // Rows of an element of subject_to: first to last of a level, with names.
   struct Part {
@@ -74,8 +74,8 @@ class Outgoing {
     const Operation* operation = nullptr;  // with names that change, null for none
   };
 
-  // levels, law: live, see Late.  motors: their places in x.  most: by how much one may change in a tick towards an
-  // answer that was cut.  sentences: on each status.
+  // levels, law: live, see Late.  motors: their indices in x.  most: largest change of one in a tick towards a cut
+  // answer.  sentences: one per status.
   Outgoing(int n, std::vector<Level> levels, int constraints, const Law& law, std::vector<Part> parts,
            std::vector<int> motors, double most, double violation, std::vector<std::string> sentences)
       : n_(n),
@@ -97,7 +97,7 @@ class Outgoing {
   }
 
   int size() const { return n_; }
-  Trend& trend() { return trend_; }  // of the answers that were sent
+  Trend& trend() { return trend_; }  // trend of the sent answers
   std::size_t rows() const { return slack_.size(); }
 
   // Write the answer or its replacement into x; return false if it is unusable, and the command must come to rest.
@@ -135,8 +135,8 @@ class Outgoing {
     return true;
   }
 
-  // No answer is usable: the next x towards rest.  held: for how many ticks by now.  why: of the worst note so far.
-  // fit: whether this state is one to start from; from(): it, or else the last good one.
+  // Write the next x towards rest.  held: ticks without a usable answer.  why: status of the worst note.  fit: true if
+  // this state is valid; from(): this state, or the last valid one.
   template <class From, class Tell>
   void rest(Rest& rest, From&& from, bool fit, std::int64_t held, Status why, const Before& before,
             const RateLimiter* limiter, double* x, const Tell& tell) {
@@ -147,7 +147,7 @@ class Outgoing {
     if (limiter) limit(*limiter, before.x, x, tell);
   }
 
-  // x, or the point towards it that the limiter allows, and what of subject_to is off by that.
+  // Move x back to the point that the limiter allows; report rows of subject_to that are violated by it.
   template <class Tell>
   void limit(const RateLimiter& limiter, const double* last, double* x, const Tell& tell) {
     Note why;
@@ -158,7 +158,7 @@ class Outgoing {
     off_at(x, limiter.name(), tell);
   }
 
-  // x within the limits of the motors, and what of subject_to is off by that.
+  // Move x into the limits of the motors; report rows of subject_to that are violated by it.
   template <class Tell>
   void hold(const MotorLimits& motors, const double* v, double* x, const Tell& tell) {
     Note why;
@@ -175,8 +175,8 @@ class Outgoing {
       for (int i = 0; i < level.m; ++i) *w++ = slack(value(level, i, x, n_), level.lower[i], level.upper[i]);
     off_by(slack_.data(), limit, tell);
   }
-  // Whether an answer violates bounds on single variables in the first level. Such bounds can be met whatever the
-  // levels below ask, so that no optimum violates them.
+  // Return true if an answer violates bounds on single variables in the first level. Such bounds can always be met,
+  // so that no optimum violates them.
   bool leaves_box(const double* slack) const {
     if (constraints_ == 0 || !levels_.front().index) return false;
     const Level& box = levels_.front();
@@ -192,7 +192,7 @@ class Outgoing {
     }
     return false;
   }
-  // Notes on elements of subject_to that are off, by a limit of that name; whether there is any.
+  // Report violated elements of subject_to, by a limit of that name; return true if there is one.
   template <class Tell>
   bool off_by(const double* slack, const char* limit, const Tell& tell) const {
     bool any = false;
@@ -218,7 +218,7 @@ class Outgoing {
   Late late_;
   Trend trend_;
   std::vector<double> ahead_, first_, slack_;
-  std::vector<std::size_t> starts_;  // of each level among all rows
+  std::vector<std::size_t> starts_;  // first row of each level
 };
 
 }  // namespace hqp

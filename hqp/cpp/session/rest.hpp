@@ -1,4 +1,4 @@
-// Coming to rest: what a session sends while no answer is usable.
+// Coming to rest: the command without a usable answer.
 #pragma once
 
 #include <algorithm>

@@ -17,11 +17,11 @@ namespace hqp {
 class Plan;
 class Guarded;
 
-// Of vectors, which tell their numbers by data(), and of nothing else.
+// Enables a template for vectors with data() only.
 template <class Vector>
 using Data = decltype(std::declval<const Vector&>().data());
 
-// Where an element is told what to do; good for the session that gave it. What is told is good for the next step only.
+// Reference of one element; valid as long as its session. Its numbers hold for the next step only.
 class Reference {
  public:
   // The value as the element's reference has it (Python's Element.at(...).value, row by row), then velocity [per s] and
@@ -60,13 +60,13 @@ class Reference {
   void normal(const double* value) { set(kNormal, value, 3); }
   // The load that a contact carries [N].
   void load(double newtons) { set(kLoad, &newtons, 1); }
-  // Whether the element is in, in the next step; of those that go with it as well. Throws ReferenceError for a
-  // contact at torque level: these come and go by phases.
+  // Set the presence of the element and its followers in the next step. Throws ReferenceError for a contact at torque
+  // level: contacts switch by phases.
   void on(bool in);
-  // What it is held at from now on where nothing is told.
+  // Set the hold value for steps without a reference.
   void hold(const double* value, std::size_t size) { set(kHold, value, size); }
 
-  std::size_t size() const;                 // numbers of a value
+  std::size_t size() const;                 // count of numbers in a value
   const std::vector<double>& held() const;  // the hold value
   const std::string& name() const;
 
@@ -99,8 +99,8 @@ class Session {
 
   // One tick for q (nq) and v (nv): no allocation, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
-  // The same of a state that tells its time [s], which plans with a max_age ask for, on the clock of now:
-  // std::chrono::steady_clock where that is not given.
+  // Step with the time of the state [s], which plans with a max_age require, on the clock of now
+  // (std::chrono::steady_clock by default).
   const Tick& step(const double* q, const double* v, double time) noexcept;
   const Tick& step(const double* q, const double* v, double time, double now) noexcept;
   template <class Vector, class... Times, class = Data<Vector>>
@@ -121,8 +121,8 @@ class Session {
   // Of joint names, limits and masses of the robot that the plan was written for: compare it with Python's
   // hqp.fingerprint(robot) of the robot that is to move, before the loop.
   const std::string& fingerprint() const { return fingerprint_; }
-  const std::vector<std::string>& joint_names() const;  // of a command
-  std::vector<std::string> names() const;               // of elements that take a reference
+  const std::vector<std::string>& joint_names() const;  // in the order of a command
+  std::vector<std::string> names() const;               // names of elements with a reference
   const std::vector<double>& home() const;              // (nq)
 
  private:

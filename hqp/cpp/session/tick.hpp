@@ -1,4 +1,4 @@
-// What one step of a session gave: a command, a status, and notes that name the culprits.
+// Result of one step: a command, a status, and notes that name the culprits.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace hqp {
 
-// How a tick ended, as hqp.Status; later ones are worse.
+// Status of a tick, as hqp.Status; later ones are worse.
 enum class Status {
   kOptimal,
   kRankUncertain,
@@ -26,7 +26,7 @@ enum class Status {
 
 // As Python spells it: "OPTIMAL", ...
 const char* name(Status status);
-// Whether the answer is the optimum of the tick's problem.
+// Return true if the answer is the optimum of the tick's problem.
 constexpr bool solved(Status status) {
   return status <= Status::kRankUncertain || status == Status::kConstraintsViolated;
 }
@@ -51,17 +51,17 @@ enum class Cause {
   kNotFinite,   // a number of q, or of the answer
   kNotFiniteV,  // a number of v
   kTooLarge,    // q and v, to be squared
-  kQuaternion,  // of a length that is not one
-  kPair,        // the same of a cosine and a sine
+  kQuaternion,  // quaternion not of length 1
+  kPair,        // cosine and sine not of length 1
   kPosition,    // beyond its bounds
   kVelocity,
   kBase,       // too far off
-  kNoTime,     // a state does not tell its time
+  kNoTime,     // the state has no time
   kAhead,      // it is that of later
   kAge,        // it is that of long ago
   kReference,  // not finite: its hold value was taken, or it was left out
-  kRotation,   // the same of a value that is no rotation
-  kJacobian,   // of an element, not finite or too large: it was left out
+  kRotation,   // the value is not a rotation
+  kJacobian,   // not finite or too large: the element was left out
   kDemand,     // the same
   kBounds,     // NaN or crossed: it was left out
   kOff,        // a constraint is violated, where: by the limit of that name
@@ -70,7 +70,7 @@ enum class Cause {
   kContact,    // it has carried nothing
   kRestless,   // its command alternates from limit to limit
   kOverrun,    // its position limit will be passed, where: by so many of that unit
-  kSolver,     // the status says it
+  kSolver,     // see the status
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
   kForeign,    // a fault of rows written in Python
@@ -84,15 +84,15 @@ struct NotedRow {
   double distance;
 };
 
-// What went wrong with which element, joint or part; made without allocation, its text when it is asked for.
+// Problem of an element, joint or part; made without allocation, its text by text().
 struct Note {
   const char* element = "";
   Status status = Status::kOptimal;
   Cause cause = Cause::kSolver;
   const char* where = "";                          // the row, joint, limit or unit, where there is one
   double amount = 0.0, allowed = 0.0, most = 0.0;  // allowed: at least, where there is a most
-  bool left_out = false;                           // of this tick
-  int row = 0;                                     // of an element
+  bool left_out = false;                           // left out of this tick
+  int row = 0;                                     // row of the element
   // Rows of subject_to that are off, the worst first, and how many there are; 0 where they have no names.
   NotedRow rows[3] = {};
   int row_count = 0;
@@ -110,9 +110,9 @@ class Tick {
   View<Note> notes() const { return {notes_.data(), note_count_}; }
   // ||w|| of every level of the hierarchy, of the solver's answer.
   View<double> residuals() const { return {residuals_.data(), residuals_.size()}; }
-  View<std::int8_t> marks() const { return {marks_.data(), marks_.size()}; }  // of all rows: -1, 0, 1, 2 (equality)
-  std::int64_t count() const { return count_; }                               // of the tick in its session, from 1
-  std::int64_t held() const { return held_; }  // for how many ticks the command has been coming to rest
+  View<std::int8_t> marks() const { return {marks_.data(), marks_.size()}; }  // per row: -1, 0, 1, 2 (equality)
+  std::int64_t count() const { return count_; }  // number of the tick in its session, from 1
+  std::int64_t held() const { return held_; }    // for how many ticks the command has been coming to rest
 
  private:
   friend class Guarded;
