@@ -59,7 +59,7 @@ class DifferentialIKAction(_Term):  # type: ignore[misc,unused-ignore]
     """
 
     def __init__(self, cfg: DifferentialIKActionCfg, env: Any) -> None:
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
 
         super().__init__(cfg, env)
         self._batch = batch = Batch.load(cfg.plan, self.num_envs, threads=cfg.threads)
@@ -141,7 +141,7 @@ class DifferentialIKAction(_Term):  # type: ignore[misc,unused-ignore]
 
     def reset(self, env_ids: Any = None) -> None:
         """Hold the elements anew in these worlds, where their next states are; in all for None."""
-        chosen = slice(None) if env_ids is None else env_ids
+        chosen: Any = slice(None) if env_ids is None else env_ids
         self._raw[chosen], self._processed[chosen] = 0.0, 0.0
         self._fresh[chosen.cpu().numpy() if hasattr(chosen, "cpu") else chosen] = True
 
@@ -172,7 +172,7 @@ class DifferentialIKAction(_Term):  # type: ignore[misc,unused-ignore]
         return value
 
     def _send(self, what: Literal["position", "velocity", "effort"], values: Any) -> None:
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
 
         target = torch.as_tensor(np.array(values), dtype=self._raw.dtype, device=self.device)
         getattr(self._asset, f"set_joint_{what}_target")(target, joint_ids=self._ids)

@@ -288,7 +288,7 @@ def test_a_tick_pays_little_for_its_recording(tmp_path: Path) -> None:
         robot, run, _ = make(hqp.Velocity(), name)
         for _ in range(10):
             run.step(robot.state())
-        bare = calls(run.step, robot.state())
+        bare = min(calls(run.step, robot.state()) for _ in range(3))
         run.record(ticks=100, on="never", to=tmp_path)
         run.step(robot.state())
-        assert calls(run.step, robot.state()) - bare <= 4
+        assert min(calls(run.step, robot.state()) for _ in range(3)) - bare <= 4
