@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def test_a_pursuit_that_stops_brakes_within_its_limits() -> None:
     assert begun[0] < pursuit.value[0] < begun[0] + 3.0 * fast * fast / 4.0
 
 
-@pytest.mark.parametrize("element", [JointLimits(), object(), None])
+@pytest.mark.parametrize("element", [JointLimits(), SimpleNamespace(at=print), object(), None])
 def test_only_tasks_with_a_reference_are_followed(element: Any) -> None:
     with pytest.raises(DeclarationError, match="cannot be followed"):
         Space(element)
