@@ -30,7 +30,7 @@ Numbers alone(const Plan& plan) {
 // x of the last of as many ticks in every world; each begins a little beside home.
 Numbers together(const Plan& plan, std::size_t threads) {
   hqp::Batch batch(plan, kWorlds, threads);
-  const Numbers& home = batch.session().home();
+  const Numbers& home = batch.session().robot().home;
   const hqp::Tick& tick = batch.session().tick();
   Numbers q, v(kWorlds * std::size_t(batch.session().line().nv())), commands(kWorlds * tick.command().size());
   Numbers residuals(kWorlds * tick.residuals().size()), x(kWorlds * tick.x().size());
