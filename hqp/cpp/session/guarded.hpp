@@ -222,7 +222,6 @@ class Guarded {
 
   Line& line() { return line_; }
   const Tick& tick() const { return tick_; }
-  const std::vector<double>& home() const { return robot_.home; }
   const RobotNames& robot() const { return robot_; }
   const Line& line() const { return line_; }
 
