@@ -15,33 +15,19 @@ from hqp.declare.robot import Robot, State
 from . import axes
 from .fields import check_frame
 from .relative import UPRIGHT, View
+from .two_frames import _TwoFrames
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Closure(Task, Constraint):
+class _Closure(_TwoFrames, Task, Constraint):
     """Rows of a frame in ``relative_to``, which both exist on the robot."""
 
     frame: str
     relative_to: str
-    closed: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_frame(self, "frame", self.frame)
-        check_frame(self, "relative_to", self.relative_to)
-        if self.relative_to == self.frame:
-            raise self.invalid("relative_to", self.relative_to, f"a frame other than {self.frame!r}")
-        if not isinstance(self.closed, bool):
-            raise self.invalid("closed", self.closed, "True or False")
-
-    def default_name(self) -> str:
-        """Both frames."""
-        return f"{self.frame}_{self.relative_to}"
-
-    @property
-    def declares_hold(self) -> bool:
-        """True if the origins coincide by declaration."""
-        return self.closed
 
     def _bind(self, robot: Robot) -> None:
         robot.frame(self.frame)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,18 +16,10 @@ from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
 from hqp.policies import Prediction
 from hqp.robots import Robot
+from tests.tasks.test_prescribed import load
 
 DT = 0.002
 KINDS = ("positions", "velocities", "torques")
-
-
-@cache
-def _loaded(name: str) -> Robot:
-    return hqp.robots.load(name)
-
-
-def load(name: str) -> Robot:
-    return _loaded(name).copy()
 
 
 def declared(kind: str, robot: Robot, apart: bool = False) -> PolicyFilter:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,19 +14,10 @@ from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
 from hqp.robots import Robot
-from tests.tasks.test_prescribed import legs_of, nearest
+from tests.tasks.test_prescribed import legs_of, load, nearest
 
 DT = 0.01
 OUTPUTS = ("positions", "velocities", "torques")
-
-
-@cache
-def _loaded(name: str) -> Robot:
-    return hqp.robots.load(name)
-
-
-def load(name: str) -> Robot:
-    return _loaded(name).copy()
 
 
 def made(robot: Robot, output: str, **fields: Any) -> Any:
