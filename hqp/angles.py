@@ -24,7 +24,7 @@ def all_wrapped(angles: Vec) -> Vec:
 def nearest_turns(off: float, sizes: Vec) -> Vec:
     """Whole turns k ``(n,)`` with the least abs(off + 2 pi sizes k), the fewest of equal ones.
 
-    sizes: what one turn of each joint counts, over 2 pi, not zero.  The joint that counts most turns as often as it
+    sizes: coefficient of each joint, not zero.  The joint that counts most turns as often as it
     takes, the others at most ``MOST_TURNS`` times to either side, fewer if there are many joints.
     """
     found = np.zeros(sizes.size)

@@ -71,7 +71,7 @@ def driven(simulated: Any) -> list[int]:
 
 
 def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> None:
-    """Actuated joints: those of joint actuators and the leaders of fixed tendons, all of one axis without either."""
+    """Actuated joints: joints of joint actuators, leaders of fixed tendons; without either all joints of one axis."""
     names = joint_names(simulated)
     moved = [j for j in driven(simulated) if int(simulated.jnt_bodyid[j]) in own]
     single = {j for j in range(simulated.njnt) if int(simulated.jnt_type[j]) in (_SLIDE, _HINGE)}

@@ -1,4 +1,4 @@
-"""Which bodies of an MJCF are the robot: the trees that actuators move; the rest of what moves is its scene."""
+"""Bodies of an MJCF that form the robot: the trees that actuators move; other moving bodies are its scene."""
 
 from __future__ import annotations
 

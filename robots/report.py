@@ -1,4 +1,4 @@
-"""What a robot's file gave, in plain text: read, assumed, left out."""
+"""Report on a robot's file in plain text: read, assumed, left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structure of a URDF: what its reader demands, reported with line and element before it reads."""
+"""Structure of a URDF: demands of its reader, reported with line and element before it reads."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class FrameVelocityLimits(Inequality):
         return self._drift(state, state.v)
 
     def _drift(self, state: State, v: Vec) -> Vec:
-        """The drift at a velocity v ``(nv,)``: that of the body's motion, whose turning R follows."""
+        """The drift at a velocity v ``(nv,)``: drift of the body's motion; R turns with it."""
         own = plans.frame(state.robot, self.frame)
         linear, angular = twist_derivatives(state, v)[1][own.body].reshape(2, 3)
         drift = np.concatenate((linear + cross(angular, state.position(self.frame)), angular))
@@ -109,7 +109,7 @@ class FrameVelocityLimits(Inequality):
         return -math.inf, math.inf
 
     def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
-        """(lower, upper) ``(m,)`` of the velocity along the normals, or of what J x adds to its rate."""
+        """(lower, upper) ``(m,)`` of the velocity along the normals, or of the part of its rate that J x adds."""
         v = state.v if order == 2 or state.commanded is None else state.commanded
         speed, share = self.jacobian(state) @ v, min(1.0, self.rate * dt)
         most = np.repeat([INNER * limit for _, limit in self._limits()], len(directions()))

@@ -25,11 +25,11 @@ class PrescribedMotion(Task, Constraint):
 
     a the reference's acceleration, zero by default.  In ``subject_to`` it stands before all else: limits, distances and
     tasks include this motion and cannot change it; rows that only these coordinates enter are met or violated, so let
-    ``JointLimits`` name the other joints.  Where x is a torque it is kept by the dynamics, as contacts are: the forces
+    ``JointLimits`` name the other joints.  At torque level the dynamics keep it, like contacts: the forces
     of its coordinates are reactions, which the other controller's motors, the ground or a hand provide, and its motors
     have no part in x.
 
-    joints: joints or groups.  base: whether the six coordinates of a floating base are among them; no effect on a fixed
+    joints: joints or groups.  base: true for the six coordinates of a floating base, too; no effect on a fixed
     base.  Raises DeclarationError for fields, a law, joints named twice and no coordinates, JointNotFound on binding
     (prescribed motion: Featherstone 2008, section 9.6, hybrid dynamics).
     """
@@ -90,7 +90,7 @@ class PrescribedMotion(Task, Constraint):
         velocity: Vec | None = None,
         acceleration: Vec | None = None,
     ) -> tuple[Vec, Vec]:
-        """(x_j, x_j) ``(k,)``; the velocity is that of the state, whatever was commanded."""
+        """(x_j, x_j) ``(k,)``; the velocity is that of the state, also after other commands."""
         x = np.zeros(self.rows(state.robot)) if acceleration is None else np.array(acceleration, dtype=np.float64)
         if order == 1:
             x = state.v[self.selection(state.robot)] + dt * x

@@ -1,4 +1,4 @@
-"""Joints as commanded, in many worlds: what position servos are sent, and the state that the sessions see."""
+"""Joints as commanded, in many worlds: targets of position servos, and states for the sessions."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def with_toes(joints: Joints) -> dict[str, Mat]:
 
 
 def _forward(joints: Joints, ahead: Mat) -> float:
-    """How far toes and knees point ahead: the median over time."""
+    """Direction of toes and knees: the median over time."""
     found = np.zeros(len(ahead))
     for side in SIDES:
         hip, knee, ankle = (joints[f"{side}_{limb}"] for limb in ("hip", "knee", "ankle"))

@@ -39,12 +39,12 @@ class PolicyFilter:
         min |x - v+(command)|    subject to limits, distances, the measured motion of a floating base,
 
     x the velocity of the actuated joints at the end of the period, v+ the one that the command gives there (``Servos``;
-    for torques kp = kd = 0).  The command is changed by what moves v+ to x, hence not at all where nothing binds.
+    for torques kp = kd = 0).  The change of the command moves v+ to x; it is zero if no constraint binds.
 
     limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
     that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None.  kp [N m/rad], kd
     [N m s/rad]: gains of the servos that take position targets, a number, one for each actuated joint or by name.
-    command: what the policy gives and what is sent, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
+    command: kind of the policy's and the sent command, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
     Raises DeclarationError for fields.
     """
 
@@ -87,7 +87,7 @@ class PolicyFilter:
     def session(self, robot: Robot, dt: float, *, deadline: float | None = None) -> PolicyFilterSession:
         """Compile for a robot at a control period dt [s]; deadline: see ``Controller``.
 
-        Raises DeclarationError, ModelError for what does not fit, before the loop.
+        Raises DeclarationError, ModelError for invalid declarations, before the loop.
         """
         session = self.controller(robot, deadline=deadline).session(robot, dt, stuck=False)
         return PolicyFilterSession(self, session, self.servos(robot, dt))
@@ -178,9 +178,9 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class FilteredTick:
-    """What is sent, ``(n,)`` in the order of ``robot.joint_names``; asked: the policy's command, NaN where it was none.
+    """Command to send, ``(n,)`` in the order of ``robot.joint_names``; asked: the policy's command, NaN if invalid.
 
-    limited: by joint how far the command was changed (sent - asked, NaN for a command that was none).  tick: of the
+    limited: change of the command by joint (sent - asked, NaN for an invalid command).  tick: of the
     stack, whose ``explain()`` names limits and pairs.
     """
 
@@ -224,7 +224,7 @@ class PolicyFilterSession:
         return FilteredTick(sent, asked, limited, tick)
 
     def reset(self) -> None:
-        """Forget what was sent and observed; the stack's session goes on."""
+        """Forget earlier commands and estimates; the stack's session goes on."""
         self._prediction.reset()
 
 

@@ -1,4 +1,4 @@
-"""Joint servos tau = kp (q* - q) - kd v: how far a target moves its joint in a period, and the inverse."""
+"""Joint servos tau = kp (q* - q) - kd v: motion of a joint towards its target in a period, and the inverse."""
 
 from __future__ import annotations
 

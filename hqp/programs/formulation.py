@@ -165,7 +165,7 @@ class Formulation(ABC):
         """
 
     def completed(self, stack: Stack) -> Stack:
-        """The stack with what other elements of it tell about an element; by default as it is."""
+        """The stack with data that its elements need of each other; by default as it is."""
         return stack
 
     def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:

@@ -156,7 +156,7 @@ class StagedWorkspace:
     def _staged(self, problem: Hierarchy, exact: Stats, others: Sequence[Callable[[], Solution]] = ()) -> Solution:
         """The answer of the latest stages; if stopped early, a point that satisfies the rows of the levels above.
 
-        others: what to solve if the certificate refuses it; stages that begin at a doubtful exact answer are judged.
+        others: levels to solve if the certificate refuses it; stages that begin at a doubtful exact answer are judged.
         """
         steps, ended, uncertain, undecided, doubtful = self.native.effort()
         unsure = undecided or (doubtful and self._seconds > 0.0)  # without a clock the certificate decides

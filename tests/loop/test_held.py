@@ -71,7 +71,7 @@ def test_an_arm_folded_beside_an_obstacle_says_so(arms: dict[str, Any]) -> None:
 
 
 def test_a_goal_out_of_reach_has_one_note(arms: dict[str, Any]) -> None:
-    """That of its price, where it has one."""
+    """Note of its price, if it has one."""
     robot, hand = arms["ur5"].copy(), t.Position(frame="tool0", name="hand")
     goal = hand.at(robot.state().position("tool0") + [3.0, 0.0, 0.0])
     for price in (None, hqp.Price(0.0)):

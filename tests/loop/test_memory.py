@@ -74,7 +74,7 @@ def test_no_cycles_and_no_growth(kind: str, formulation: Any, ticks: int) -> Non
     steps = stepped(kind, formulation())
     for _ in range(200):  # watches of the first ticks fill their windows
         next(steps)()
-    while gc.collect():  # what made the session
+    while gc.collect():  # garbage of the session's construction
         pass
     blocks, tracked = sys.getallocatedblocks(), len(gc.get_objects())
     for _ in range(ticks):

@@ -1,4 +1,4 @@
-"""`hqp robots FILE` reports what a file gave: every joint with its limits, what was assumed, what was left out."""
+"""`hqp robots FILE` reports what a file gave: every joint with its limits, assumptions, omissions."""
 
 from __future__ import annotations
 

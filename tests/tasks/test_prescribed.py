@@ -1,4 +1,4 @@
-"""Prescribed motion: what another controller moves is taken as it is, by limits, distances, tasks and the dynamics."""
+"""Prescribed motion: limits, distances, tasks and the dynamics take another controller's motion as given."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_an_arm_gives_way_to_a_leg_that_comes(formulation: str) -> None:
 
 
 def test_measured_and_not_sent() -> None:
-    """The state's velocity counts in each tick, whatever was sent in the one before."""
+    """The state's velocity counts in each tick, also after another command."""
     robot, rng = load("g1"), np.random.default_rng(3)
     session, given, _ = scene(robot, "velocity")
     own, seen = given.selection(robot), []

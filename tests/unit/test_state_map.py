@@ -1,4 +1,4 @@
-"""States of other programs: the same bodies move in the same way, whatever order and axes the program has."""
+"""States of other programs: bodies move alike for every order and all axes of the program."""
 
 from __future__ import annotations
 

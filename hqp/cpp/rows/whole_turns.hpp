@@ -12,7 +12,7 @@ constexpr double kTurn = 6.283185307179586476925;
 
 class WholeTurns {
  public:
-  // sizes: what one turn of each joint counts, over a turn.
+  // sizes: coefficient of each joint.
   explicit WholeTurns(std::vector<double> sizes) : sizes_(std::move(sizes)), turns_(sizes_.size()), best_(turns_) {
     for (std::size_t i = 0; i < sizes_.size(); ++i)
       if (std::fabs(sizes_[i]) > std::fabs(sizes_[most_])) most_ = i;
