@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import math
+import operator
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -92,16 +94,18 @@ def test_a_tick_is_one_object_and_its_numbers(kind: str, formulation: Any) -> No
     steps = stepped(kind, formulation())
     for _ in range(200):
         next(steps)()
-    kept: list[Any] = [None] * 8
-    for i in range(len(kept)):
+    kept: list[Any] = []
+    made: list[Counter[str]] = []
+    for _ in range(8):
         step = next(steps)
         before = gc.get_objects()  # alive, so that no new object takes an old one's address
         known = {id(each) for each in before}
-        kept[i] = step()
+        kept.append(step())
         after = gc.get_objects()
         new = [each for each in after if id(each) not in known and each is not known and each is not before]
-        made = Counter(type(each).__name__ for each in new)
-        assert made.pop("Tick") == 1
-        assert made.pop("HeldBackNotes", 0) == ("out" in kind)
-        assert set(made) <= {"tuple", "list", "managedbuffer", "memoryview"}
-        assert sum(made.values()) <= 5
+        made.append(Counter(type(each).__name__ for each in new))
+    each_time = functools.reduce(operator.and_, made)  # other threads, such as the test runner's, make some between
+    assert each_time.pop("Tick") == 1
+    assert each_time.pop("HeldBackNotes", 0) == ("out" in kind)
+    assert set(each_time) <= {"tuple", "list", "managedbuffer", "memoryview"}
+    assert sum(each_time.values()) <= 5
