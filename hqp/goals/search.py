@@ -84,9 +84,8 @@ class Search:
         self._calm_native: NativeDescents | None = None
 
     def _compiled(self, price: Price) -> Compiled:
-        session = Controller(self._stack, self._laws, deadline=math.inf, price=price).session(
-            self.robot, 1.0, stuck=False
-        )
+        controller = Controller(self._stack, self._laws, deadline=math.inf, price=price)
+        session = Session(controller, self.robot, 1.0, stuck=False)
         members = session.program.assembly.members
         tasks = (e.name for e in session.stack if e.name in members and not isinstance(e, Inequality))
         return Compiled(session, session.stack, [(name, members[name].views.error) for name in tasks])

@@ -34,7 +34,7 @@ def solve_ik(
 ) -> Vec:
     """The generalised velocity ``(nv,)`` [rad/s, m/s] of one step of ``levels`` at q, ``(nq,)``.
 
-    levels: a Stack, or its levels under ``subject_to``.  dt [s]: step of ``robot.integrate(q, v, dt)``.
+    levels: a Stack, or its levels under ``subject_to``.  dt [s]: step of ``robot.integrate(q, v, dt)``, at most 1.
     A session is kept for each robot, stack, dt and solver: elements without a reference hold their value of its
     first call, the acceleration window of ``JointLimits`` counts from the velocity of its last; fresh starts anew.
     Raises NotSolved without a usable answer, DeclarationError and ModelError for invalid input.
@@ -43,8 +43,8 @@ def solve_ik(
         raise DeclarationError("solve_ik", "not a robot", value=robot, allowed='hqp.robots.load("panda")')
     if not isinstance(levels, (Stack, Sequence)) or isinstance(levels, (str, bytes)):
         raise DeclarationError("solve_ik", "levels", value=levels, allowed="a Stack, or a list of Level(...)")
-    if not isinstance(dt, Real):
-        raise DeclarationError("solve_ik", "dt", value=dt, unit="s", allowed="above 0")
+    if not isinstance(dt, Real) or not 0.0 < dt <= 1.0:
+        raise DeclarationError("solve_ik", "dt", value=dt, unit="s", allowed="0 < dt <= 1")
     if q is not None:
         q = numbers("solve_ik", "q", q, (robot.nq,))
     stack = levels if isinstance(levels, Stack) else Stack(*levels, subject_to=subject_to)
@@ -59,4 +59,4 @@ def solve_ik(
 
 
 def _session(robot: Robot, stack: Stack, dt: float, solver: str) -> Session:
-    return Controller(stack, Velocity(), solver=solver, deadline=math.inf).session(robot, dt)
+    return Session(Controller(stack, Velocity(), solver=solver, deadline=math.inf), robot, float(dt))

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hqp.declare.price import Price, Priced, as_price, is_exact
 from hqp.declare.robot import Robot
 from hqp.declare.safety import Braking, RateLimits, StateBounds, positive
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 DEADLINE = 0.8
 """Share of the control period that a tick may take before its solver returns the best point so far."""
+SLOWEST = 0.1
+"""The longest control period [s]: a longer one is a rate or milliseconds, or too slow to control a robot."""
 
 
 @dataclass(frozen=True)
@@ -77,4 +81,18 @@ class Controller:
         """
         from hqp.loop.session import Session
 
+        if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
+            raise DeclarationError("session", "control period dt", value=dt, unit="s", allowed=f"0 < dt <= {SLOWEST:g}")
+        if dt > SLOWEST:
+            raise DeclarationError(
+                "session", f"control period dt; {_likely(dt)}", value=dt, unit="s", allowed=f"0 < dt <= {SLOWEST:g}"
+            )
         return Session(self, robot, dt, max_age=max_age, stuck=stuck)
+
+
+def _likely(dt: float) -> str:
+    """Name the periods that a number above ``SLOWEST`` may have meant."""
+    meant = [f"{dt:g} ms are dt={1e-3 * dt:g}"] if 1e-3 * dt <= SLOWEST else []
+    if 1.0 / dt <= SLOWEST:
+        meant.insert(0, f"a rate of {dt:g} Hz is dt={1.0 / dt:g}")
+    return ", ".join(meant)

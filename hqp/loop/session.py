@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -49,10 +48,6 @@ LOG = logging.getLogger("hqp.session")
 LOG.addHandler(logging.NullHandler())
 
 
-SLOWEST = 1.0
-"""The longest period [s], that of inverse kinematics by unit steps; longer ones are rates or milliseconds."""
-
-
 class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
@@ -64,13 +59,6 @@ class Session:
     def __init__(
         self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True
     ) -> None:
-        if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
-            raise DeclarationError("session", "control period dt", value=dt, unit="s", allowed="dt > 0")
-        if dt > SLOWEST:
-            raise DeclarationError(
-                "session", f"control period dt; a rate of {dt:g} Hz is dt={1.0 / dt:g}, {dt:g} ms are dt={1e-3 * dt:g}",
-                value=dt, unit="s", allowed=f"0 < dt <= {SLOWEST:g}",
-            )  # fmt: skip
         if not hasattr(robot, "joint_names"):
             raise DeclarationError("session", "not a robot", value=robot, allowed="hqp.robots.load(...)")
         require_compiled()

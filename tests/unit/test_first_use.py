@@ -326,13 +326,15 @@ def test_capsules_are_fitted_and_written(tmp_path: Path) -> None:
     assert robot.capsules[0].radius == pytest.approx(0.05, rel=0.05)
 
 
-@pytest.mark.parametrize("dt", [1.01, 4, 250, 1000.0, np.float64(500.0)])
-def test_a_rate_given_as_a_period_is_refused(dt: float) -> None:
+@pytest.mark.parametrize("dt", [0.1001, 0.5, 1.0, 4, 20, 250, 1000.0, np.float64(500.0)])
+def test_a_rate_or_milliseconds_given_as_a_period_are_refused(dt: float) -> None:
     controller, robot = hqp.Controller(Stack(Level(Posture()))), hqp.robots.load("cbi", floating=False)
-    with pytest.raises(DeclarationError, match=re.escape(f"a rate of {dt:g} Hz is dt={1.0 / dt:g}")):
+    with pytest.raises(DeclarationError, match=re.escape("allowed: 0 < dt <= 0.1")) as refused:
         controller.session(robot, dt)
-    controller.session(robot, 1.0 / 250.0)
-    controller.session(robot, 1.0)
+    assert (f"a rate of {dt:g} Hz is dt={1.0 / dt:g}" in str(refused.value)) == (dt >= 10)
+    assert (f"{dt:g} ms are dt={1e-3 * dt:g}" in str(refused.value)) == (dt <= 100)
+    for meant in (1.0 / 250.0, 0.1):
+        controller.session(robot, meant)
 
 
 def test_a_missing_extra_is_named_with_its_install(tmp_path: Path) -> None:
