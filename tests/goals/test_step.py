@@ -55,7 +55,7 @@ def test_hold_values_are_those_of_the_first_call_until_fresh(panda: Any) -> None
 def test_what_has_no_answer_raises(panda: Any) -> None:
     with pytest.raises(NotSolved, match="INVALID_STATE"):
         hqp.solve_ik(panda, np.full(panda.nq, math.nan), [Level(HAND)], 0.01)
-    with pytest.raises(DeclarationError, match="control period"):
+    with pytest.raises(DeclarationError, match="allowed: 0 < dt <= 1"):
         hqp.solve_ik(panda, panda.home, [Level(HAND)], -0.01)
 
 
