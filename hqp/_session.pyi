@@ -29,6 +29,9 @@ class Session:
     home: Sequence[float]
     sizes: tuple[int, int, int]
     """Numbers of a command, of x, and levels."""
+    counters: tuple[int, int, int, int, int, int, float, float]
+    """As hqp.explanation.counters.Counters."""
+    heartbeat: int
 
     def __init__(self, file: bytes, key: bytes) -> None: ...
     def step(
@@ -67,6 +70,8 @@ class Live:
     held: int
     deadline: float
     margin: float
+    counters: tuple[int, int, int, int, int, int, float, float]
+    heartbeat: int
 
     def __init__(self, tree: Mapping[str, Any]) -> None: ...
     def tell(self, references: tuple[Reference, ...]) -> int:
@@ -119,6 +124,9 @@ class Live:
 
         fit: whether the latest state is one to start from.  why: the status of the tick.
         """
+
+    def count(self, begin: float, cut: bool, held: bool, rejected_state: bool, rejected_references: int) -> None:
+        """Count a tick that blends two sessions; begin: on ``perf_counter`` [s]."""
 
     def ahead(self, call: object | None) -> None:
         """A capsule that runs ahead of the solver, and it, None for the solver alone."""
@@ -250,6 +258,7 @@ class Batch:
     bytes: int
     kind: str
     """velocity, acceleration or torque: what a command is."""
+    counters: tuple[int, int, int, int, int, int, float, float]
 
     def __init__(self, file: builtins.bytes, count: int, threads: int, key: builtins.bytes) -> None: ...
     def step(

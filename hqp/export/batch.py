@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hqp import dlpack
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, HqpError
+from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES
 from hqp.export.loaded import ACCELERATION, VALUE, VELOCITY
 from hqp.problem import Status
@@ -95,6 +96,11 @@ class Batch:
     def bytes(self) -> int:
         """Memory of all worlds."""
         return self._native.bytes
+
+    @property
+    def counters(self) -> Counters:
+        """Of the ticks of all worlds; no longest gap, 0: a world has no clock."""
+        return Counters(*self._native.counters)
 
     def step(self, Q: Any, V: Any = None, targets: Targets | None = None) -> BatchTick:
         """One tick of all worlds for states Q ``(count, nq)`` and V ``(count, nv)``, zero for None.

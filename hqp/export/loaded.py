@@ -15,6 +15,7 @@ from hqp.arrays import Vec
 from hqp.declare.fingerprint import fingerprint
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, HqpError, UnknownReference, closest
+from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.loop.file import key_bytes
 from hqp.problem import Status
@@ -66,6 +67,16 @@ class LoadedSession:
     def home(self) -> Vec:
         """The configuration ``(nq,)`` that the robot's model calls home."""
         return np.array(self._native.home)
+
+    @property
+    def counters(self) -> Counters:
+        """Ticks, late and held ones, rejected data and longest times so far; any thread may read them."""
+        return Counters(*self._native.counters)
+
+    @property
+    def heartbeat(self) -> int:
+        """As of ``Session.heartbeat``."""
+        return int(self._native.heartbeat)
 
     def step(
         self,

@@ -16,6 +16,7 @@ from hqp.declare.law import Law
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError, ModelError
+from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.explanation.questions import HeldBackNotes, Teller
 from hqp.loop.callbacks import Callbacks
@@ -103,6 +104,11 @@ class Line:
         self.stuck = StuckWatch(self.stack, self.dt, self.guards.stuck)
         self._phase: str | None = None
         self._laws: Mapping[str, Law] | None = None
+
+    @property
+    def counters(self) -> Counters:
+        """Counters of the session so far."""
+        return Counters(*self.native.counters)
 
     @property
     def problem(self) -> Hierarchy:
@@ -216,6 +222,13 @@ class Line:
         self.named = targets
         return self._answered(told, None, start)
 
+    def count(self, tick: Tick, start: float) -> None:
+        """Count a tick that blends two stacks; both of them ran beside the other, uncounted."""
+        refused = Status.INVALID_REFERENCE
+        some = tick.status.severity >= refused.severity
+        references = sum(note.status is refused for note in tick.notes) if some else 0
+        self.native.count(start, tick.status.cut, tick.held > 0, tick.status is Status.INVALID_STATE, references)
+
     def _attend(self) -> None:
         """The phase of this tick, and its laws."""
         guards = self.guards
@@ -315,11 +328,16 @@ class Line:
             elif held.value is not None:
                 self.native.keep_hold(name, np.ascontiguousarray(held.value).reshape(-1))
 
-    def take_over(self, other: Line) -> None:
-        """Go on as the line of the same stack that was blended in, from what was sent last."""
+    def take_over(self, other: Line, *, beside: bool) -> None:
+        """Go on as the line of the same stack that was blended in, from what was sent last.
+
+        beside: whether another transition goes on to blend its answers.
+        """
         self.native, self.callbacks = other.native, other.callbacks
         self._phase, self._laws, self._attentive = other._phase, other._laws, other._attentive
         self.native.alone(self.x)
+        if beside:
+            self.native.aside()
         self.begun = True
         self.transition = None  # last: an interrupt before it leaves a transition that is done
 

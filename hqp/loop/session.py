@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import get_ident
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -17,6 +18,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning
+from hqp.explanation.counters import Counters
 from hqp.explanation.notes import Note
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.controller import DEADLINE, Controller
@@ -127,6 +129,20 @@ class Session:
         return self.line.guards.count
 
     @property
+    def counters(self) -> Counters:
+        """Ticks, late and held ones, rejected data and longest times so far; any thread may read them."""
+        return self.line.counters
+
+    @property
+    def heartbeat(self) -> int:
+        """The number of ticks that have ended: it rises with every tick, whatever its status.
+
+        Any thread may read it.  A watchdog outside that sees the same value for longer than a few periods knows that
+        the loop has stopped, and acts without the session: the session cannot.
+        """
+        return int(self.line.native.heartbeat)
+
+    @property
     def problem(self) -> Hierarchy:
         """The hierarchy of the latest tick: live, refilled by the next step; ``problem.copy()`` is not."""
         return self.program.problem
@@ -191,7 +207,11 @@ class Session:
                     state = self.robot.state(q, v)
                     references = tuple([self._aimed(name, value) for name, value in targets.items()])
             if tick is None:
+                blends = line.transition is not None
+                start = perf_counter() if blends else 0.0
                 tick = line.step(state, references, now)
+                if blends:
+                    line.count(tick, start)
                 for reference in references:
                     if reference.remarks:
                         told = [Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]

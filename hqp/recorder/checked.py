@@ -13,6 +13,7 @@ import numpy as np
 
 from hqp.arrays import Mask
 from hqp.errors import DeclarationError, HqpError
+from hqp.explanation.counters import Counters
 from hqp.problem import Hierarchy, Selection, Status
 from hqp.recorder.layout import from_pattern
 
@@ -102,6 +103,18 @@ def about(told: dict[str, Any]) -> None:
         texts(robot, name, "robot")
     if not take(told, "segments", list, "file"):
         refuse("file.segments", "there is no tick in it")
+    if told.get("counters") is not None:
+        _counters(told)
+
+
+def _counters(told: dict[str, Any]) -> None:
+    counters = take(told, "counters", dict, "file")
+    if set(counters) != set(Counters._fields):
+        refuse("file.counters", "other counters", sorted(counters), ", ".join(Counters._fields))
+    for name in Counters._fields:
+        value = take(counters, name, float, "counters")
+        if not 0.0 <= value < math.inf:
+            refuse(f"counters.{name}", "is not a count or a time [s]", value, "0 or above")
 
 
 def segment(part: Any, arrays: dict[str, Any], robot: dict[str, Any], where: str) -> tuple[Hierarchy, list[Any]]:

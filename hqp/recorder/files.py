@@ -18,6 +18,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import HqpError
+from hqp.explanation.counters import Counters
 from hqp.explanation.multipliers import explain
 from hqp.explanation.words import Explanation
 from hqp.problem import Hierarchy, Solution, Stats, Status
@@ -222,6 +223,12 @@ class Recording:
             for tick in _ticks(segment, arrays, told["robot"], f"segments[{i}]")
         )
 
+    @property
+    def counters(self) -> Counters | None:
+        """Counters of the session when the file was begun, None in files of earlier versions."""
+        told = self.about.get("counters")
+        return None if told is None else Counters(**told)
+
     def __len__(self) -> int:
         return len(self.ticks)
 
@@ -234,9 +241,10 @@ class Recording:
     def __str__(self) -> str:
         robot, count = self.about["robot"], Counter(tick.status.name for tick in self.ticks)
         statuses = ", ".join(f"{name} {k}" for name, k in count.items())
+        counters = "" if self.counters is None else f"\nsince the session was made: {self.counters}"
         return (
             f"{self.about['stack']}\n{len(self)} ticks of {1e3 * self.about['dt']:g} ms on {robot['name']} "
-            f"({robot['hash']}), hqp {self.about['hqp']}, {self.about['made']}\n{statuses}"
+            f"({robot['hash']}), hqp {self.about['hqp']}, {self.about['made']}\n{statuses}{counters}"
         )
 
 

@@ -151,20 +151,21 @@ class Recorder:
         self._quiet = self.ticks
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
         path = self.folder / f"{self._robot.name}_{stamp}_{entry[0].count}.npz"
-        thread = threading.Thread(target=self._write, args=(path, segments), name="hqp flight recorder")
+        about = {**self._about, "counters": entry[0].line.counters._asdict()}
+        thread = threading.Thread(target=self._write, args=(path, segments, about), name="hqp flight recorder")
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()
 
-    def _write(self, path: Path, segments: list[Segment]) -> None:
+    def _write(self, path: Path, segments: list[Segment], about: dict[str, Any]) -> None:
         """Write a file; ticks that could not be written are kept."""
         from hqp.recorder.files import write
 
         try:
-            self.files.append(write(path, self._about, segments, self.ticks, self._robot))
+            self.files.append(write(path, about, segments, self.ticks, self._robot))
         except Exception as error:  # a full disk, a folder that is gone, an element's own row names
             LOG.warning("recording %s could not be written: %s", path, error)
             if len(self._unwritten) < UNWRITTEN:
-                self._unwritten.append(_Unwritten(path, segments, f"{type(error).__name__}: {error}"))
+                self._unwritten.append(_Unwritten(path, segments, about, f"{type(error).__name__}: {error}"))
             else:
                 self._dropped += 1
             return
@@ -183,7 +184,7 @@ class Recorder:
             thread.join()
         unwritten, self._unwritten = self._unwritten, []
         for one in unwritten:
-            self._write(one.path if to is None else Path(to) / one.path.name, one.segments)
+            self._write(one.path if to is None else Path(to) / one.path.name, one.segments, one.about)
         if self._unwritten:
             raise HqpError(f"{self._told()}; wait(to=FOLDER) tries another folder")
         if self._dropped:
@@ -201,6 +202,7 @@ class _Unwritten:
 
     path: Path
     segments: list[Segment]
+    about: dict[str, Any]
     reason: str
 
     def __str__(self) -> str:

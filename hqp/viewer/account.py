@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.explanation.counters import Counters
 from hqp.explanation.multipliers import explain
 from hqp.explanation.words import PRICE, Explanation, Loss, is_zero
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
@@ -69,6 +70,7 @@ class Account:
     joints: tuple[JointView, ...]
     notes: tuple[str, ...]
     apart: tuple[str, ...] = ()
+    counters: Counters | None = None
     explanation: Explanation | None = field(repr=False, default=None)
 
 
@@ -105,7 +107,9 @@ def make_account(
     coming = {name for name, rate in (closing or {}).items() if rate > COMING}
     headline, reason, tone = make_headline(snapshot["status"], levels, notes, near, coming, places)
     apart = tuple(row for m in stack.members if m.kind == "CollisionAvoidance" for row, _ in active.get(m.name, ()))
-    return Account(snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, apart, told)
+    return Account(
+        snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, apart, snapshot["counters"], told
+    )
 
 
 def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanation | None:

@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.explanation.counters import Counters
 
 from .account import Account, ElementView, LevelView
 from .history import SECONDS, Curves
@@ -106,6 +107,7 @@ def panel(account: Account, curves: Curves, budget_us: float, unit: str) -> str:
         + _section("Joints at a limit", _limits(account))
         + _section("Change of the command in a tick", _change(curves, unit))
         + _section("Time of a tick", _times(curves, budget_us))
+        + ("" if account.counters is None else _section("Since the session was made", _counters(account.counters)))
         + "</div>"
     )
 
@@ -190,6 +192,19 @@ def _times(curves: Curves, budget_us: float) -> str:
         f'worst {worst:.0f}; </span><b style="color:{color}">{said}</b></div>'
         + sparkline(curves.times, COLORS["met"], log=True, floor=10.0, height=56, line=budget_us)
         + f'<div style="font-size:13px;color:{SOFT}">red line: the budget, {budget_us:.0f} us</div>'
+    )
+
+
+def _counters(counters: Counters) -> str:
+    """Ticks, and how many of them were out of the ordinary."""
+    bad = ("late", "cut", "held", "rejected_states", "rejected_references")
+    counted = {name.replace("_", " "): getattr(counters, name) for name in bad}
+    listed = ", ".join(f"{count} {name}" for name, count in counted.items() if count) or "all in time, none held"
+    color = COLORS["short"] if any(counted.values()) else COLORS["met"]
+    return (
+        f'<div><b style="font-size:22px">{counters.ticks}</b> <span style="color:{SOFT}">ticks; </span>'
+        f'<b style="color:{color}">{listed}</b></div><div style="font-size:13px;color:{SOFT}">longest gap '
+        f"{1e3 * counters.longest_gap:.3g} ms, longest tick {1e3 * counters.worst_time:.3g} ms</div>"
     )
 
 

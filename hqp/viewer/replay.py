@@ -13,6 +13,7 @@ from hqp.commands.arguments import formulation
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.errors import HqpError
+from hqp.explanation.counters import Counters
 from hqp.loop.session import Controller, Note, Tick
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.recorder import RecordedTick, Recording
@@ -39,9 +40,14 @@ class ReplayView(View):
 
     steers = False
     _tick: RecordedTick | None = None
+    _recorded: Counters | None = None
 
     def __enter__(self) -> ReplayView:
         return self
+
+    def of(self, recording: Recording) -> None:
+        """Show the counters of this recording."""
+        self._recorded = recording.counters
 
     def show_recorded(self, tick: RecordedTick) -> None:
         """Show a tick of the recording."""
@@ -51,6 +57,9 @@ class ReplayView(View):
         given = {r["name"]: r["value"] for r in tick.references if r.get("value") is not None}
         references = [Reference(name, np.array(value, dtype=np.float64)) for name, value in given.items()]
         self.show(shown.state, shown, *references)
+
+    def _numbers(self, tick: Tick) -> dict[str, Any]:
+        return {"status": tick.status.name, "counters": self._recorded}
 
     def _problem(self) -> Hierarchy:
         assert self._tick is not None
@@ -100,6 +109,7 @@ def replay(
     count = 0
     title = f"{robot.name}, recorded {told['made'][:16]}"
     with ReplayView(session, control=True, host=host, port=port, password=password, title=title) as view:
+        view.of(recording)
         if started is not None:
             started(view, len(recording) - len(ticks))
         start = due = time.perf_counter()

@@ -300,7 +300,11 @@ class View:
             self._content = self._rows(tick)
         if self._content:
             notes = [(note.element, note.detail) for note in tick.notes]
-            self._channel.write_snapshot({**self._content, "status": tick.status.name, "notes": notes})
+            self._channel.write_snapshot({**self._content, **self._numbers(tick), "notes": notes})
+
+    def _numbers(self, tick: Tick) -> dict[str, Any]:
+        """Status of this tick, and the counters of its session."""
+        return {"status": tick.status.name, "counters": self.session.counters}
 
     def _rows(self, tick: Tick) -> dict[str, Any]:
         """The rows of this tick, from which the page's process computes the account."""

@@ -56,6 +56,14 @@ class Batch {
     for (std::thread& other : others) other.join();
   }
 
+  // Of the ticks of all worlds; no gap: a world has no clock.
+  Counts counters() const {
+    Counts sum;
+    for (const auto& session : sessions_) sum.add(session->counters().counts());
+    sum.longest_gap = 0.0;
+    return sum;
+  }
+
   void reset(std::size_t i) { worlds_[i].clear(); }
   std::size_t count() const { return worlds_.size(); }
   std::size_t threads() const { return sessions_.size(); }

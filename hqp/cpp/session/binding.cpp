@@ -25,6 +25,12 @@ using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::
 using Out = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Told = std::tuple<std::string, int, std::string>;  // element, status, text
 
+// As hqp.loop.counters.Counters lists them.
+nb::tuple told(const hqp::Counts& c) {
+  return nb::make_tuple(c.ticks, c.late, c.cut, c.held, c.rejected_states, c.rejected_references, c.longest_gap,
+                        c.worst_time);
+}
+
 std::string text(const nb::bytes& given) { return {given.c_str(), given.size()}; }
 
 class Session {
@@ -161,6 +167,7 @@ class Worlds {
     const hqp::Line& line = batch_.session().line();
     return line.torque() ? "torque" : line.order() == 1 ? "velocity" : "acceleration";
   }
+  nb::tuple counters() const { return told(batch_.counters()); }
   std::size_t threads() const { return batch_.threads(); }
   std::size_t bytes() const { return batch_.bytes(); }
 
@@ -194,6 +201,10 @@ NB_MODULE(_session, module) {
       .def("rest", &binding::LiveSession::rest, "last"_a, "good"_a, "held"_a, "fit"_a, "why"_a)
       .def("ahead", &binding::LiveSession::ahead, "call"_a.none())
       .def("too_large", &binding::LiveSession::too_large, "q"_a, "v"_a, "angles"_a)
+      .def("count", &binding::LiveSession::count, "begin"_a, "cut"_a, "held"_a, "rejected_state"_a,
+           "rejected_references"_a)
+      .def_prop_ro("counters", [](const binding::LiveSession& s) { return told(s.counters()); })
+      .def_prop_ro("heartbeat", &binding::LiveSession::heartbeat)
       .def_prop_ro("good", &binding::LiveSession::good)
       .def_prop_ro("held", &binding::LiveSession::held)
       .def_prop_ro("deadline", &binding::LiveSession::deadline)
@@ -205,6 +216,7 @@ NB_MODULE(_session, module) {
            "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("reset", &Worlds::reset, "world"_a)
       .def("integrate", &Worlds::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
+      .def_prop_ro("counters", &Worlds::counters)
       .def_prop_ro("kind", &Worlds::kind)
       .def_prop_ro("sizes", &Worlds::sizes)
       .def_prop_ro("state", &Worlds::state)
@@ -220,6 +232,8 @@ NB_MODULE(_session, module) {
       .def("phase", &Session::phase, "name"_a)
       .def("integrate", &Session::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def("reset", &Session::reset)
+      .def_prop_ro("counters", [](const Session& s) { return told(s.get().counters()); })
+      .def_prop_ro("heartbeat", [](const Session& s) { return s.get().heartbeat(); })
       .def_prop_ro("sizes", &Session::sizes)
       .def_prop_ro("names", &Session::names)
       .def_prop_ro("robot", [](const Session& s) { return s.get().robot(); })

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "budget.hpp"
+#include "counters.hpp"
 #include "guard_parts.hpp"
 #include "left_out.hpp"
 #include "outgoing.hpp"
@@ -83,38 +84,14 @@ class Guarded {
   };
   const Tick& step(const double* q, const double* v) { return step(q, v, Told{}); }
   const Tick& step(const double* q, const double* v, const Told& told) {
-    begin_ = filled_ = solved_ = Clock::now();
-    ++tick_.count_;
-    tick_.note_count_ = 0;
-    tick_.status_ = Status::kOptimal;
-    answered_ = false;
-    std::copy(q, q + q_.size(), q_.begin());
-    std::copy(v, v + v_.size(), v_.begin());
-    Note why;
-    if (told.fault) why = {"state", Status::kInvalidState, Cause::kForeign, told.fault};
-    if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why)) {
-      forget();
-      return held_tick(why, false);
+    const Tick& tick = stepped(q, v, told);
+    if (!aside_) {
+      const bool cut = answered_ && (answer_.status == Status::kIterationLimit || answer_.status == Status::kTimeLimit);
+      counters_->take({seconds(begin_), seconds(Clock::now()), cut, tick.held_ > 0,
+                       tick.status_ == Status::kInvalidState, rejected_},
+                      line_.dt());
     }
-    if (fresh_ && budget_.limited()) budget_.begin(thread_time());
-    else budget_.skip();
-    laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
-    attend(presence_.take());
-    references_.take_holds(q_.data(), v_.data());
-    references_.apply(out_, left_out_.flags(), report());
-    if (foreign_ && foreign_->fills) return filled_in_python();
-    line_.write(q_.data(), v_.data(), around());
-    if (foreign_ && foreign_->writes ? foreign_->failed || !line_.assembly().usable() : !line_.assembly().small())
-      left_out_.unusable(report());
-    left_out_.free();
-    filled_ = Clock::now();
-    if (budget_.limited()) limit(left());
-    Solved found = line_.solve(v_.data());
-    if (found.outcome == kInvalid && !line_.torque()) {
-      left_out_.unusable(report());
-      found = line_.solve(v_.data());
-    }
-    return conclude(found);
+    return tick;
   }
 
   // Carry the session's state over to the next tick, without pending references.
@@ -171,6 +148,7 @@ class Guarded {
     fresh_ = true;
     forget(), presence_.phase(0);
     laws_.reset();
+    counters_->pause();
   }
 
   // Continue from another session of the robot: its last command and its margin of time.
@@ -178,6 +156,7 @@ class Guarded {
     x_ = other.x_, good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
     budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
+    counters_ = other.counters_;
   }
 
   // Run beside a session that blends both answers: without rate limits, in half of the time.
@@ -206,12 +185,16 @@ class Guarded {
   // Answer of the solver in this tick, null if it did not run; times of rows and solver [s] since the tick's begin.
   const Answered* answered() const { return answered_ ? &answer_ : nullptr; }
   std::size_t plain_notes() const { return plain_notes_; }  // count of notes before those on joint limits
-  double begun() const { return std::chrono::duration<double>(begin_.time_since_epoch()).count(); }
+  double begun() const { return seconds(begin_); }
   double filling() const { return std::chrono::duration<double>(filled_ - begin_).count(); }
   double solving() const { return std::chrono::duration<double>(solved_ - filled_).count(); }
   const std::vector<double>& q() const { return q_; }  // of the tick, normalised
   const std::vector<double>& v() const { return v_; }
   const std::vector<double>& sent() const { return x_; }  // last
+  const Counters& counters() const { return *counters_; }
+  // Count a tick that blends this session with another one.
+  void count(const Counters::Ended& blend) { counters_->take(blend, line_.dt()); }
+  static double now() { return seconds(Clock::now()); }
   bool good() const { return good_; }
   const Budget& budget() const { return budget_; }
   // Describe the number of a state that is too large, "" if all are ordinary.
@@ -228,6 +211,9 @@ class Guarded {
  private:
   using Clock = std::chrono::steady_clock;
 
+  static double seconds(Clock::time_point time) {
+    return std::chrono::duration<double>(time.time_since_epoch()).count();
+  }
   void limit(double seconds) {
     if (line_.solver()) line_.solver()->limit(seconds);
     else foreign_->limit(seconds);
@@ -236,7 +222,44 @@ class Guarded {
     return budget_.left(good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0);
   }
 
+  const Tick& stepped(const double* q, const double* v, const Told& told) {
+    begin_ = filled_ = solved_ = Clock::now();
+    rejected_ = 0;
+    ++tick_.count_;
+    tick_.note_count_ = 0;
+    tick_.status_ = Status::kOptimal;
+    answered_ = false;
+    std::copy(q, q + q_.size(), q_.begin());
+    std::copy(v, v + v_.size(), v_.begin());
+    Note why;
+    if (told.fault) why = {"state", Status::kInvalidState, Cause::kForeign, told.fault};
+    if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why)) {
+      forget();
+      return held_tick(why, false);
+    }
+    if (fresh_ && budget_.limited()) budget_.begin(thread_time());
+    else budget_.skip();
+    laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
+    attend(presence_.take());
+    references_.take_holds(q_.data(), v_.data());
+    references_.apply(out_, left_out_.flags(), report());
+    if (foreign_ && foreign_->fills) return filled_in_python();
+    line_.write(q_.data(), v_.data(), around());
+    if (foreign_ && foreign_->writes ? foreign_->failed || !line_.assembly().usable() : !line_.assembly().small())
+      left_out_.unusable(report());
+    left_out_.free();
+    filled_ = Clock::now();
+    if (budget_.limited()) limit(left());
+    Solved found = line_.solve(v_.data());
+    if (found.outcome == kInvalid && !line_.torque()) {
+      left_out_.unusable(report());
+      found = line_.solve(v_.data());
+    }
+    return conclude(found);
+  }
+
   void note(const Note& note) {
+    rejected_ += note.status == Status::kInvalidReference;
     if (tick_.note_count_ < tick_.notes_.size()) tick_.notes_[tick_.note_count_++] = note;
     if (note.status > tick_.status_) tick_.status_ = note.status;
   }
@@ -388,6 +411,8 @@ class Guarded {
   Clock::time_point begin_, filled_, solved_;
   Answered answer_{};
   std::size_t plain_notes_ = 0;
+  std::int64_t rejected_ = 0;                                          // references in this tick
+  std::shared_ptr<Counters> counters_ = std::make_shared<Counters>();  // of all sessions that follow each other
   Tick tick_;
 };
 

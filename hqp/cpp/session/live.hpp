@@ -172,6 +172,12 @@ class LiveSession {
   std::string too_large(const Vector& q, const Vector& v, const Vector& angles) {
     return session_->too_large(q.data(), v.data(), angles.data());
   }
+  // Count a tick that blends two sessions, which began at that time on the clock of perf_counter [s].
+  void count(double begin, bool cut, bool held, bool rejected_state, std::int64_t rejected_references) {
+    session_->count({begin, hqp::Guarded::now(), cut, held, rejected_state, rejected_references});
+  }
+  hqp::Counts counters() const { return session_->counters().counts(); }
+  std::int64_t heartbeat() const { return session_->counters().heartbeat(); }
   bool good() const { return session_->good(); }
   std::int64_t held() const { return session_->tick().held(); }
   double deadline() const { return session_->budget().deadline(); }

@@ -140,6 +140,8 @@ const Tick& Session::step(const double* q, const double* v, double time, double 
   return guarded_->step(q, v, told);
 }
 const Tick& Session::tick() const { return guarded_->tick(); }
+Counts Session::counters() const noexcept { return guarded_->counters().counts(); }
+std::int64_t Session::heartbeat() const noexcept { return guarded_->counters().heartbeat(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
   guarded_->line().kinematics()->integrate(q, v, dt, out);
 }

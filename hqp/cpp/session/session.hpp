@@ -3,12 +3,14 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <initializer_list>
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "counters.hpp"
 #include "errors.hpp"
 #include "tick.hpp"
 
@@ -108,6 +110,13 @@ class Session {
     return step(q.data(), v.data(), times...);
   }
   const Tick& tick() const;
+
+  // Ticks, late and held ones, rejected data and longest times since the session was made; reset() keeps them. Any
+  // thread may read them.
+  Counts counters() const noexcept;
+  // The number of ticks that have ended: it rises with every tick, whatever its status. A watchdog in another thread
+  // that sees the same value for longer than a few periods knows that the loop has stopped.
+  std::int64_t heartbeat() const noexcept;
 
   // q + dt v into out (nq).
   void integrate(const double* q, const double* v, double dt, double* out) const;

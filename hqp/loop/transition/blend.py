@@ -99,6 +99,8 @@ class Transition:
         self._at, self._s = 0, 0.0
         self.taken = False
         """Whether the second line of the pair has begun."""
+        self.within = False
+        """Whether another transition blends its answers with those of a third stack."""
         self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
         self._begun, self._felt = len(path) == 2, False
         self._go(lines, path)

@@ -46,6 +46,8 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     lines = [line, *(successor(line, item, holds) for item in compiled[1:])]
     for each in lines:
         each.native.aside()
+    if under_way is not None:
+        under_way.within = True
     if under_way is not None and under_way.depth >= DEEPEST:
         line.transition = None  # so many changes at a time: the oldest ones end here
     named = last if under_way is None else under_way.last_references
@@ -109,7 +111,7 @@ def blended(
     if transition.done:
         for each in (first, second):
             each.ease(None)
-        line.take_over(second)
+        line.take_over(second, beside=transition.within)
     else:
         transition.advance()
     return b

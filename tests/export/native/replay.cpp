@@ -93,6 +93,11 @@ bool replay(const std::string& plan, double tolerance, int rounds) {
   const std::string name = plan.substr(plan.rfind('/') + 1);
   std::printf("| %s | %ld | %ld | %.1e | %ld | %ld | %.1f | %.1f | %.1f | %.1f | %.1f |\n", name.c_str(), ticks, other,
               worst, statuses, taken, at(0.5), at(0.9), at(0.99), at(0.999), times.back());
+  const hqp::Counts counted = session.counters();
+  if (counted.ticks != ticks || session.heartbeat() != ticks) {
+    std::printf("%s: %lld ticks counted\n", name.c_str(), static_cast<long long>(counted.ticks));
+    return false;
+  }
   return other == 0 && statuses == 0 && taken == 0;
 }
 
