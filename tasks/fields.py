@@ -94,13 +94,16 @@ def motor_positions(element: Element, robot: Robot, joints: str | Sequence[str] 
     return np.array([motors.index(column) for column in columns], dtype=np.intp)
 
 
-def make_reference(name: str, rows: int, value: Vec | Mat | None, velocity: Any, acceleration: Any) -> Reference:
+def make_reference(
+    name: str, rows: int, value: Vec | Mat | None, velocity: Any, acceleration: Any, remarks: Sequence[str] = ()
+) -> Reference:
     """A reference with a value already checked; raises DeclarationError for feedforwards not ``(rows,)``."""
     return Reference(
         name,
         value,
         None if velocity is None else numbers(name, "velocity", velocity, (rows,)),
         None if acceleration is None else numbers(name, "acceleration", acceleration, (rows,)),
+        remarks=tuple(remarks),
     )
 
 

@@ -117,8 +117,9 @@ class Orientation(Task):
         Raises DeclarationError for wrong shapes or a matrix that is no rotation.
         """
         if self.axes is None:
-            R = None if value is None else as_rotation(self.name, value)
-            return make_reference(self.name, 3, R, velocity, acceleration)
+            remarks: list[str] = []
+            R = None if value is None else as_rotation(self.name, value, remarks)
+            return make_reference(self.name, 3, R, velocity, acceleration, remarks)
         k = len(self._names)
         if k == 1:  # a number will do
             given = value, velocity, acceleration

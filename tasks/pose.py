@@ -74,8 +74,9 @@ class _FramePose(Task):
         """
         if velocity is None and acceleration is None and isinstance(value, np.ndarray) and is_pose(value):
             return target(self.name, value.copy())
-        pose = None if value is None else as_pose(self.name, value)
-        return make_reference(self.name, 6, pose, velocity, acceleration)
+        remarks: list[str] = []
+        pose = None if value is None else as_pose(self.name, value, remarks)
+        return make_reference(self.name, 6, pose, velocity, acceleration, remarks)
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The axes, then those of rotation."""
@@ -145,10 +146,13 @@ def homogeneous(position: Vec, rotation: Mat) -> Mat:
     return pose
 
 
-def as_pose(element: str, value: Any) -> Mat:
-    """A homogeneous matrix ``(4, 4)`` from one or from (position, rotation); raises DeclarationError."""
+def as_pose(element: str, value: Any, remarks: list[str] | None = None) -> Mat:
+    """A homogeneous matrix ``(4, 4)`` from one or from (position, rotation); raises DeclarationError.
+
+    remarks: see ``as_rotation``.
+    """
     if isinstance(value, (tuple, list)) and len(value) == 2:
-        return homogeneous(numbers(element, "position", value[0], (3,)), as_rotation(element, value[1]))
+        return homogeneous(numbers(element, "position", value[0], (3,)), as_rotation(element, value[1], remarks))
     pose = numbers(element, "pose, unless (position, rotation),", value, (4, 4))
     if is_pose(pose):
         return pose

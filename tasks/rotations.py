@@ -22,20 +22,22 @@ except ImportError:  # no compiler was there
 ALLOWED = "a rotation matrix (3, 3) or a quaternion x, y, z, w"
 GIMBAL = 1e-3  # |cos pitch| below which roll and yaw rates are held at their bound
 ORTHONORMAL = 1e-5
+UNIT = 1e-3
+"""A quaternion whose length is further than this from one is normalised with a remark, in a state it is refused."""
 
 
-def as_rotation(element: str, value: Any) -> Mat:
+def as_rotation(element: str, value: Any, remarks: list[str] | None = None) -> Mat:
     """A rotation matrix ``(3, 3)`` from one, or from a quaternion xyzw of any length.
 
-    NaN and infinities pass: the loop reports them.  Raises DeclarationError for another shape, a matrix that is no
-    rotation, a quaternion of zeros.
+    remarks: takes a sentence on a quaternion that is not of length one.  NaN and infinities pass: the loop reports
+    them.  Raises DeclarationError for another shape, a matrix that is no rotation, a quaternion of zeros.
     """
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise DeclarationError(element, "rotation is not numeric", value=value, allowed=ALLOWED) from error
     if array.shape == (4,):
-        return _from_quaternion(element, array)
+        return _from_quaternion(element, array, remarks)
     R = numbers(element, f"rotation ({ALLOWED})", array, (3, 3))
     if native is not None and native.is_rotation(R, ORTHONORMAL):
         return R
@@ -54,11 +56,14 @@ def is_pose(T: Mat) -> bool:
     return native is not None and native.is_pose(T, ORTHONORMAL)
 
 
-def _from_quaternion(element: str, quaternion: Vec) -> Mat:
+def _from_quaternion(element: str, quaternion: Vec, remarks: list[str] | None) -> Mat:
     x, y, z, w = quaternion.tolist()
     square = x * x + y * y + z * z + w * w
     if square == 0.0:
         raise DeclarationError(element, "zero quaternion", allowed=ALLOWED)
+    length = math.sqrt(square)
+    if remarks is not None and abs(length - 1.0) > UNIT:  # false for NaN, which the loop reports
+        remarks.append(f"target quaternion x, y, z, w of length {length:.4g} was normalised; allowed: 1 +- {UNIT:g}")
     s = 2.0 / square
     return np.array(
         [

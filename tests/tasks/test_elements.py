@@ -169,6 +169,36 @@ def test_orientations_given_either_way(state: Any, written: Written) -> None:
     np.testing.assert_allclose(pose.at(([1, 2, 3], quaternion)).value, pin.SE3(R, np.array([1.0, 2, 3])).homogeneous)
 
 
+@pytest.mark.parametrize("length", [1e-3, 0.99, 1.0, 1.0 + 5e-4, 1.01, 2.0])
+def test_a_target_that_is_normalised_is_noted(length: float) -> None:
+    """Whatever way the quaternion comes; the command is that of the quaternion of length one."""
+    turned = np.array([0.1, -0.2, 0.05, 0.97])
+    turned /= np.linalg.norm(turned)
+    cbi = hqp.robots.load("cbi", floating=False)
+    hand = t.Pose(frame="r_palm", name="hand")
+    place = cbi.state().position("r_palm")
+    sessions = [hqp.Controller(Stack(Level(hand))).session(cbi, 0.002) for _ in range(3)]
+    q, v = cbi.home, np.zeros(cbi.nv)
+    ticks = [
+        sessions[0].step(cbi.state(q, v), hand.at((place, turned))),
+        sessions[1].step(cbi.state(q, v), hand.at((place, length * turned))),
+        sessions[2].tick(q, v, {"hand": (place, length * turned)}),
+    ]
+    told = [[note.detail for note in tick.notes if "quaternion" in note.detail] for tick in ticks]
+    assert told[0] == []
+    assert (
+        told[1]
+        == told[2]
+        == (
+            [f"target quaternion x, y, z, w of length {length:.4g} was normalised; allowed: 1 +- 0.001"]
+            if abs(length - 1.0) > 1e-3
+            else []
+        )
+    )
+    for tick in ticks[1:]:
+        np.testing.assert_allclose(tick.command, ticks[0].command, atol=1e-9)
+
+
 def test_angles_are_wrapped(state: Any, written: Written) -> None:
     task = t.Orientation(frame="r_palm", axes=("roll", "yaw"))
     angles = task.value(state)
