@@ -35,7 +35,7 @@ def _read_joints(simulated: Any, found: Description, own: frozenset[int]) -> Non
     model = found.model
     lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
     model.velocityLimit = np.full(model.nv, np.inf)
-    effort, unequal = np.full(model.nv, np.inf), []
+    effort, unequal, weak = np.full(model.nv, np.inf), [], {}
     for name, j in own_joints(simulated, own).items():
         joint, dof = model.joints[model.getJointId(name)], int(simulated.jnt_dofadr[j])
         columns = slice(joint.idx_v, joint.idx_v + joint.nv)
@@ -48,9 +48,19 @@ def _read_joints(simulated: Any, found: Description, own: frozenset[int]) -> Non
         elif simulated.jnt_limited[j] and joint.nv == 3:
             found.cones[name] = high
         if joint.nv == 1:
-            effort[joint.idx_v], equal = _effort(simulated, j)
+            bounds, pulls = _bounds(simulated, j), _pulls(simulated, j)
+            effort[joint.idx_v], equal = _effort(bounds + pulls)
             if not equal:
                 unequal.append(name)
+            allowed, given = _effort(bounds)[0], _effort(pulls)[0]
+            if given < allowed < math.inf:
+                weak[f"{name} ({given:.4g} of {allowed:.4g})"] = given / allowed
+    if weak:
+        weakest = _some(sorted(weak, key=weak.__getitem__))
+        found.notes.append(
+            f"motors (forcerange, gear times ctrlrange) are weaker than actuatorfrcrange: {weakest} N m or N, using "
+            "the smaller one; a ctrlrange of -1 to 1 without a gear is a motor of 1 N m"
+        )
     if unequal:
         found.notes.append(f"unequal effort limits of a joint, using the smaller one: {_some(unequal)}")
     model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit = lower, upper, effort
@@ -120,15 +130,23 @@ def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actua
     return leader
 
 
-def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
-    """The smaller end of the effort range of a joint [N m or N], and whether its ends are equal.
+def _bounds(simulated: Any, joint: int) -> list[Vec]:
+    """The range of the force on a joint, whatever its actuators are; empty without one."""
+    return [simulated.jnt_actfrcrange[joint]] if simulated.jnt_actfrclimited[joint] else []
 
-    The other end where a range goes one way only (muscles, cables); inf where the file gives none.
+
+def _pulls(simulated: Any, joint: int) -> list[Vec]:
+    """Ranges of the forces that the actuators of a joint transmit."""
+    on_joint = simulated.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    own = np.flatnonzero((simulated.actuator_trnid[:, 0] == joint) & on_joint)
+    return [one for a in own.tolist() for one in _ranges(simulated, a)]
+
+
+def _effort(ranges: list[Vec]) -> tuple[float, bool]:
+    """The smaller end of effort ranges [N m or N], and whether their ends are equal.
+
+    The other end if a range goes one way only (muscles, cables); inf without a range.
     """
-    ranges = [simulated.jnt_actfrcrange[joint]] if simulated.jnt_actfrclimited[joint] else []
-    for a in np.flatnonzero(simulated.actuator_trnid[:, 0] == joint):
-        if simulated.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
-            ranges += _ranges(simulated, int(a))
     ends = [(float(min(abs(r))), float(max(abs(r))), r[0] * r[1] < 0.0) for r in ranges if np.any(r)]
     least = min((small if both else large for small, large, both in ends), default=math.inf)
     return least, all(small == large for small, large, both in ends if both)

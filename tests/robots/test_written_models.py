@@ -159,6 +159,30 @@ def test_of_unequal_effort_limits_the_smaller_one_counts(tmp_path: Path) -> None
     assert "using the smaller one: b, c" in " ".join(map(str, robot.notes))
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_motors_weaker_than_the_range_of_their_joint_are_noted(tmp_path: Path, seed: int) -> None:
+    """The weakest first, in whatever order the file has them; the effort limit is what MuJoCo's clips leave."""
+    rng, names = np.random.default_rng(seed), list("abcd")
+    bound, pull = rng.uniform(1.0, 100.0, 4).round(3), rng.uniform(1.0, 100.0, 4).round(3)
+    gear = rng.choice([-1.0, 1.0, 20.0], 4)
+    joints = "".join(
+        f'<body name="{n}"><joint name="{n}" actuatorfrcrange="{-b} {b}"/>{G}</body>'
+        for n, b in zip(names, bound, strict=True)
+    )
+    motors = [
+        f'<motor joint="{n}" gear="{g}" ctrlrange="{-abs(p / g)} {abs(p / g)}"/>' if rng.random() < 0.5
+        else f'<position joint="{n}" kp="10" gear="{g}" forcerange="{-abs(p / g)} {abs(p / g)}"/>'
+        for n, g, p in zip(names, gear, pull, strict=True)
+    ]  # fmt: skip
+    rng.shuffle(motors)
+    robot = hqp.robots.load(written(tmp_path, joints, "", f"<actuator>{''.join(motors)}</actuator>"), root=tuple(names))
+    np.testing.assert_allclose(robot.effort_limit, np.minimum(bound, pull), rtol=1e-12)
+    weak = sorted((p / b, f"{n} ({p:.4g} of {b:.4g})") for n, b, p in zip(names, bound, pull, strict=True) if p < b)
+    notes = [str(note) for note in robot.notes if "weaker" in str(note)]
+    assert len(notes) == bool(weak)
+    assert all(f": {', '.join(text for _, text in weak)} N m" in note for note in notes)
+
+
 def test_equal_joints_with_refs_hold_at_home(tmp_path: Path) -> None:
     """q1 - ref1 = a0 + a1 (q2 - ref2), also along a chain."""
     body = f'{TWO}<body pos="2 0 0"><joint name="k" ref="10"/>{G}</body>'.replace('name="i"', 'name="i" ref="30"')
