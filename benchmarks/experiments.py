@@ -115,9 +115,10 @@ def run(arguments: argparse.Namespace) -> int:
     _write(arguments, outcomes, full)
     failed = [f"{o.name}: {f.what}: {f.shown}, asked {f.asked}" for o in outcomes for f in o.missed]
     for text in failed:
-        report.console.print(f"missed: {text}", style="bold red", markup=False)
+        report.console.print(f"{report.MISSED}{text}", style="bold red", markup=False)
     judged = [figure for o in outcomes for figure in o.figures]
-    lines = [f"{len(judged)} figures of {len(outcomes)} experiments, {len(failed)} beyond their limits"]
+    slow = [f"{report.MISSED}{f.what}: {f.shown}, asked {f.asked}" for f in judged if not (f.binding or f.passed)]
+    lines = [f"{len(judged)} figures of {len(outcomes)} experiments, {len(failed)} beyond their limits", *slow]
     return report.conclude(arguments.output, "experiments", lines, failed)
 
 

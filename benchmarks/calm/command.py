@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.json is not None:
             arguments.json.write_text(json.dumps(records, indent=1))
     report.section(arguments.output, "calm", "\n".join(sections.values()))
-    return report.conclude(arguments.output, "calm", [f"missed: {line}" for line in missed], broken)
+    return report.conclude(arguments.output, "calm", [f"{report.MISSED}{line}" for line in missed], broken)
 
 
 def _write(sections: dict[str, str]) -> None:

@@ -51,8 +51,8 @@ class Page:
 
     def show(self, outcome: Outcome) -> None:
         """What came of a part."""
-        failed = bool(outcome.status)
-        mark = "[bold red]FAILED[/]" if failed else "[green]passed[/]"
+        color = "bold red" if outcome.status else "yellow" if outcome.missed else "green"
+        mark = f"[{color}]{outcome.verdict:9}[/]"
         head, *lines = outcome.lines or (outcome.text,)
         self._console.print(f"[bold]{outcome.part:12}[/]{mark}{outcome.seconds:5.0f} s  {escape(head)}", soft_wrap=True)
         for line in lines:
@@ -69,8 +69,9 @@ class Page:
         if figures:
             names = "  ".join(figure.name for figure in sorted(figures))
             say(f"\nfigures in {_short(figures[0].parent)}: {escape(names)}")
-        good = sum(not o.status for o in outcomes)
-        say(f"\n[bold]{good} of {len(outcomes)} parts passed[/] in {seconds:.0f} s; every row: {_short(path)}")
+        good, missed = sum(o.verdict == "passed" for o in outcomes), sum(o.missed for o in outcomes)
+        told = f", {missed} goals missed" if missed else ""
+        say(f"\n[bold]{good} of {len(outcomes)} parts passed[/]{told} in {seconds:.0f} s; every row: {_short(path)}")
 
 
 def glance() -> str:

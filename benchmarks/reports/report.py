@@ -18,6 +18,10 @@ from hqp.markdown import table as _table
 console = Console(highlight=False)
 
 
+MISSED = "missed: "
+"""A line of a summary that begins with it is a goal that was missed: no failure, and not passed."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a part of the main job went: its summary, and what failed of it."""
@@ -28,6 +32,16 @@ class Outcome:
     seconds: float
     lines: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
+
+    @property
+    def missed(self) -> int:
+        """How many goals were missed; each has a line of its own."""
+        return sum(line.startswith(MISSED) for line in self.lines)
+
+    @property
+    def verdict(self) -> str:
+        """``passed`` only without a failure and without a missed goal."""
+        return "FAILED" if self.status else f"{self.missed} missed" if self.missed else "passed"
 
 
 def bar() -> Progress:
@@ -57,7 +71,7 @@ def failures_of(checks: Sequence[Check]) -> list[str]:
 def goals_of(goals: Iterable[Sequence[str]]) -> list[str]:
     """Goals of speed in a line, and those that were missed; their last cell says which."""
     listed = list(goals)
-    missed = [f"missed: {what}: {measured}, goal {goal}" for what, goal, measured, said in listed if said != "reached"]
+    missed = [f"{MISSED}{what}: {measured}, goal {goal}" for what, goal, measured, said in listed if said != "reached"]
     return [f"{len(listed) - len(missed)} of {len(listed)} goals of speed reached", *missed] if listed else []
 
 
@@ -115,7 +129,7 @@ def write(output: Path, outcomes: Sequence[Outcome], quick: bool) -> Path:
     lines += [
         table(
             ("part", "what", "outcome", "seconds"),
-            ((o.part, o.text, "passed" if o.status == 0 else "FAILED", f"{o.seconds:.0f}") for o in outcomes),
+            ((o.part, o.text, o.verdict, f"{o.seconds:.0f}") for o in outcomes),
         )
     ]
     for outcome in outcomes:

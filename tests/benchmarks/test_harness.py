@@ -73,9 +73,10 @@ PART = """
 import json, pathlib, sys
 name, output = sys.argv[1], pathlib.Path(sys.argv[sys.argv.index("--output") + 1])
 failures = ["too far"] if name == "compare" else []
+lines = [name, *(["missed: p99: 2 ms, goal 1 ms"] if name == "timing" else [])]
 (output / f"{name}.md").write_text(f"section of {name}")
 (output / f"{name}.json").write_text("[1]")
-(output / f"{name}.summary.json").write_text(json.dumps({"lines": [name], "failures": failures}))
+(output / f"{name}.summary.json").write_text(json.dumps({"lines": lines, "failures": failures}))
 print("log of", name)
 sys.exit(3 if name == "calm" else bool(failures))
 """
@@ -192,3 +193,19 @@ def test_hands_that_follow_a_goal_are_measured_with_their_ratios() -> None:
 
 def test_a_table_keeps_bars_inside_cells() -> None:
     assert report.table(("a",), [("|w|",)]).splitlines()[2] == r"| \|w\| |"
+
+
+def test_passed_stands_above_no_missed_goal(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "PYTHON", (sys.executable, "-c", PART))
+    monkeypatch.setattr(command, "present", lambda part: part in ("papers", "timing"))
+    assert command.main(["--output", str(tmp_path)]) == 0  # a missed goal is no failure
+    rows = [line.split("|") for line in (tmp_path / "report.md").read_text().splitlines() if line.startswith("| ")]
+    assert {row[1].strip(): row[3].strip() for row in rows if len(row) > 4} == {
+        "part": "outcome", "---": "---", "papers": "passed", "timing": "1 missed",
+    }  # fmt: skip
+    told = capsys.readouterr().out
+    assert "1 of 2 parts passed, 1 goals missed" in told
+    (of_timing,) = (line for line in told.splitlines() if line.startswith("timing"))
+    assert "passed" not in of_timing
