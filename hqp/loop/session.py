@@ -80,6 +80,7 @@ class Session:
             warnings.warn(note.detail, ModelWarning, stacklevel=3)
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
+            first += (Note("session", Status.OPTIMAL, compiled.dropped),)
         kind = compiled.program.kind
         joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
         behind = bool(joints.size and np.all(np.diff(joints) == 1))

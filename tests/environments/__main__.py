@@ -22,6 +22,8 @@ else:
 
 ROOT = Path(__file__).parents[2]
 SHOWN = ("numpy", "scipy", "pin", "mujoco", "torch")
+WHEELS = ("--quiet", "--only-binary", ":all:")
+"""Options of pip: an environment that has to compile a package is one that people do not have."""
 ALONE = """
 import importlib.metadata, numpy, sys, hqp
 session = hqp.load(sys.argv[1])
@@ -103,13 +105,13 @@ def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dic
     inside = home / "bin" / "python"
     try:
         if about.get("alone"):
-            run(inside, "-m", "pip", "install", "--quiet", *about["requires"])
+            run(inside, "-m", "pip", "install", *WHEELS, *about["requires"])
             run(inside, "-m", "pip", "install", "--quiet", "--no-deps", wheels[python])
             plan = folder / "ur5.hqp"
             run(sys.executable, "-m", "tests.environments.plan", plan, cwd=ROOT)
             return run(inside, "-c", ALONE, plan, cwd=suite).strip()
         asked = (f"hqp[robots] @ file://{wheels[python]}", *about["requires"], "pytest", "pytest-timeout", "hypothesis")
-        run(inside, "-m", "pip", "install", "--quiet", *asked)
+        run(inside, "-m", "pip", "install", *WHEELS, *asked)
         run(inside, "-m", "pip", "check")
         doctor = subprocess.run([inside, "-m", "hqp", "doctor"], capture_output=True, text=True, check=False, cwd=suite)
         if "Traceback" in doctor.stderr:

@@ -172,7 +172,7 @@ def test_unknown_solver_and_bad_dt(robot: Robot) -> None:
     with pytest.raises(DeclarationError, match="nullspace"):
         hqp.Controller(stack, solver="nullspcae")
     for dt in (0.0, -1.0, np.nan, np.inf, "2ms"):
-        with pytest.raises(DeclarationError, match="dt > 0"):
+        with pytest.raises(DeclarationError, match="0 < dt <= 0.1"):
             hqp.Controller(stack, solver="nullspace").session(robot, dt)  # type: ignore[arg-type]
 
 
@@ -206,13 +206,21 @@ def checked(robot: Robot, tick: hqp.Tick) -> None:
         assert np.abs(robot.state(tick._state.q).jacobian(foot) @ tick.solution.x).max() < 1e-8
 
 
+@pytest.mark.parametrize("solver", ["nullspace", "daqp", "weighted", "lexicographic"])
+def test_a_solver_without_prices_is_noted_once(robot: Robot, solver: str) -> None:
+    session = hqp.Controller(paper(Position(frame="r_palm")), solver=solver).session(robot, DT)
+    told = [[str(note) for note in session.step(robot.state()).notes if "priced" in str(note)] for _ in range(2)]
+    assert [len(notes) for notes in told] == [solver != "lexicographic", 0]
+    assert all(f"{solver} cannot solve priced levels: every level is exact" in note for note in told[0])
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_bad_reference_leaves_its_element_out(robot: Robot, bad: float) -> None:
     hand = Position(frame="r_palm")
     session = hqp.Controller(paper(hand), solver="nullspace").session(robot, DT)
     tick = session.step(robot.state(), hand.at([bad, 0.0, 1.0]))
     assert tick.status is Status.INVALID_REFERENCE
-    assert [note.element for note in tick.notes] == ["r_palm"]
+    assert [note.element for note in tick.notes if note.status is not Status.OPTIMAL] == ["r_palm"]
     checked(robot, tick)
     with pytest.raises(NotSolved, match="r_palm"):
         tick.unwrap()
