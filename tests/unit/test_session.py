@@ -172,7 +172,7 @@ def test_unknown_solver_and_bad_dt(robot: Robot) -> None:
     with pytest.raises(DeclarationError, match="nullspace"):
         hqp.Controller(stack, solver="nullspcae")
     for dt in (0.0, -1.0, np.nan, np.inf, "2ms"):
-        with pytest.raises(DeclarationError, match=r"0 < dt <= 0\\.1"):
+        with pytest.raises(DeclarationError, match=r"0 < dt <= 0\.1"):
             hqp.Controller(stack, solver="nullspace").session(robot, dt)  # type: ignore[arg-type]
 
 
