@@ -42,6 +42,9 @@ class Session:
         time, now: of the state, None where it does not tell, and of the tick [s].
         """
 
+    def begin(self, command: Vec, q: Vec | None, v: Vec | None) -> None:
+        """Start from the command that is sent now; q, v: the state, None if unknown."""
+
     def tell(self, reference: int, what: int, values: Vec) -> None:
         """What the next step is told: 0 a value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 a hold value."""
 
@@ -63,10 +66,12 @@ class Session:
 class Live:
     """A session over the arrays of a program: the tree of ``hqp.loop.document.live_tree``, with its callbacks.
 
-    good: whether an answer was usable so far.  held: for how many ticks the command has been coming to rest.
+    good: whether a command was sent, by an answer or as ``begin`` says.  start: the x that rates of the first tick
+    start from.  held: for how many ticks the command has been coming to rest.
     """
 
     good: bool
+    start: list[float]
     held: int
     deadline: float
     margin: float
@@ -79,6 +84,9 @@ class Live:
 
     def aim(self, targets: dict[str, Any]) -> bool:
         """Give it targets by name that are taken unchanged; False for one that is not."""
+
+    def begin(self, command: Vec, q: Vec | None, v: Vec | None, angles: Vec | None) -> bytearray:
+        """Start from the command that is sent now; its record.  q, v, angles: of the state, None if unknown."""
 
     def ask(self) -> None:
         """All rows of the next step are filled in Python."""
@@ -275,6 +283,9 @@ class Batch:
 
     def integrate(self, q: Mat, v: Mat, dt: float, out: Mat) -> None:
         """q after moving with v for dt [s], of all worlds."""
+
+    def begin(self, world: int, command: Vec, q: Vec | None, v: Vec | None) -> None:
+        """Start from the command that is sent now; q, v: the state, None if unknown."""
 
     def reset(self, world: int) -> None:
         """As just made."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hqp import dlpack
 from hqp.arrays import Mat
+from hqp.declare.reference import numbers
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES
@@ -132,6 +133,23 @@ class Batch:
             raise DeclarationError("Batch", str(error)) from None
         return BatchTick(*(dlpack.returned(part, like) for part in (commands, x, residuals, status)))
 
+    def begin(self, commands: Any, Q: Any = None, V: Any = None, worlds: ArrayLike | None = None) -> None:
+        """Start from the commands ``(count, n_actuated)`` that the robots are sent now; see ``Session.begin``.
+
+        Q ``(count, nq)`` and V ``(count, nv)``, zero for None: states, unknown if Q is None.  worlds: by index or mask
+        ``(count,)``, all for None.  Raises DeclarationError for a wrong shape, an unknown world, and a command or a
+        state that is not valid.
+        """
+        count, motors = self.count, len(self.joint_names)
+        sent = numbers("begin", "commands", dlpack.numbers(commands), (count, motors))
+        at = None if Q is None else numbers("begin", "Q", dlpack.numbers(Q), (count, self.nq))
+        speed = numbers("begin", "V", np.zeros((count, self.nv)) if V is None else dlpack.numbers(V), (count, self.nv))
+        for world in self._chosen(worlds):
+            try:
+                self._native.begin(world, sent[world], *((None, None) if at is None else (at[world], speed[world])))
+            except ValueError as error:
+                raise DeclarationError(f"begin of world {world}", str(error), allowed="finite numbers") from None
+
     def advance(self, Q: Any, V: Any, dt: float | None = None) -> Any:
         """Move Q ``(count, nq)`` with V ``(count, nv)`` for dt [s], the period of the plan for None.
 
@@ -154,11 +172,16 @@ class Batch:
 
         Raises DeclarationError for an unknown world.
         """
+        for world in self._chosen(worlds):
+            self._native.reset(world)
+
+    def _chosen(self, worlds: ArrayLike | None) -> list[int]:
+        """Indices of worlds; raises DeclarationError for an unknown one."""
         chosen = np.arange(self.count)
         if worlds is not None:
             try:
                 chosen = np.atleast_1d(chosen[np.asarray(dlpack.numbers(worlds))])
             except IndexError:
                 raise DeclarationError("Batch", "worlds", value=worlds, allowed=f"0 to {self.count - 1}") from None
-        for world in chosen.tolist():
-            self._native.reset(world)
+        found: list[int] = chosen.tolist()
+        return found

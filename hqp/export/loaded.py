@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
 from hqp.declare.fingerprint import fingerprint
+from hqp.declare.reference import numbers
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, HqpError, UnknownReference, closest
 from hqp.explanation.counters import Counters
@@ -114,6 +115,20 @@ class LoadedSession:
             allowed = f"q ({self.nq},), v ({self.nv},)"
             raise DeclarationError("step", "wrong shape of q or v", value=shapes, allowed=allowed) from None
         return LoadedTick(command, x, residuals, STATUSES[status], of_native(notes), held)
+
+    def begin(self, command: ArrayLike, q: Vec | None = None, v: Vec | None = None) -> None:
+        """Start from the command ``(n_actuated,)`` that the robot is sent now; see ``Session.begin``.
+
+        q ``(nq,)`` and v ``(nv,)``, zero for None: the state of the robot, unknown if q is None.  Raises
+        DeclarationError for a wrong shape and for a command or a state that is not valid.
+        """
+        sent = numbers("begin", "command", command, self._sizes[:1])
+        at = None if q is None else numbers("begin", "q", q, (self.nq,))
+        speed = None if q is None else numbers("begin", "v", np.zeros(self.nv) if v is None else v, (self.nv,))
+        try:
+            self._native.begin(sent, at, speed)
+        except ValueError as error:
+            raise DeclarationError("begin", str(error), allowed="finite numbers and a valid state") from None
 
     def on(self, name: str, present: bool) -> None:
         """Activate or deactivate an element in the next step; DeclarationError for a contact at torque level."""

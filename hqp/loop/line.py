@@ -168,16 +168,7 @@ class Line:
 
     def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         """A tick, whatever comes in; raises ModelError for a state of another robot."""
-        robot = self.robot
-        try:
-            same = state.robot is robot
-        except AttributeError:
-            raise DeclarationError("step", "not a State", value=state, allowed="robot.state(q, v)") from None
-        if not same:
-            raise ModelError(
-                f"the state belongs to {state.robot!r}, the session runs on {robot!r}: use robot.state(q, v) of the "
-                "latter"
-            )
+        self.require(state, "step")
         if self.transition is not None:
             return blended(self, self.transition, state, references, now)
         return self.answer(state, references, now)
@@ -200,6 +191,30 @@ class Line:
         told = session.step(state.q, state.v, state.time, 0.0 if now is None else now, angles, fault)
         self.named = references
         return self._answered(told, state, start)
+
+    def require(self, state: State, call: str) -> None:
+        """Raise ModelError for a state of another robot, DeclarationError for anything but a state."""
+        robot = self.robot
+        try:
+            same = state.robot is robot
+        except AttributeError:
+            raise DeclarationError(call, "not a State", value=state, allowed="robot.state(q, v)") from None
+        if not same:
+            raise ModelError(
+                f"the state belongs to {state.robot!r}, the session runs on {robot!r}: use robot.state(q, v) of the "
+                "latter"
+            )
+
+    def begin(self, command: Vec, state: State | None) -> None:
+        """Start from the command that is sent now, in a transition for all of its lines."""
+        known = () if state is None else (state.q, state.v, state.angles)
+        self.latest = self.native.begin(command, *(known or (None, None, None)))
+        self.good, self.held = True, 0
+        if self.callbacks.reads and state is not None:
+            self.callbacks.last_good = state
+        if self.transition is not None:
+            for each in self.transition.pair:
+                each.begin(command, state)
 
     def tick(self, q: Vec, v: Vec | None, targets: dict[str, Any]) -> Tick | None:
         """The same of arrays alone, without a State and without References; None for what is out of the ordinary."""
@@ -296,7 +311,10 @@ class Line:
             if held == 0:
                 notes, limits = notes[:plain], notes[plain:]
         self.begun = True
-        before, self.latest = self.latest, record
+        before: Vec | bytearray | None = self.latest
+        if before is None and self.program.kind == "torque":
+            before = np.array(self.native.start)
+        self.latest = record
         solution, self.callbacks.solution = self.callbacks.solution, None  # of this tick alone
         tick = _new(Tick)
         tick.__init__(self, state, before, record, start, solution, status, notes, held)  # type: ignore[misc]

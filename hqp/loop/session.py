@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.declare.reference import Reference
+from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning
@@ -162,6 +162,29 @@ class Session:
         (a reference of another shape, a phase that is not there), which are errors of the program.
         """
         return self._stepped(state, references, now, phase)
+
+    def begin(self, *, command: ArrayLike, state: State | None = None) -> None:
+        """Start from the command that the robot is sent now; call it before the first step, or after another source
+        of commands had the robot.
+
+        command ``(n_actuated,)`` [rad/s, rad/s^2, N m], in robot.joint_names order: rate limits, braking, and at
+        velocity level the window of ``JointLimits(acceleration=)`` start from it.  state: of the robot, from which it
+        brakes if the first state of the loop is not valid.  Without ``begin`` rates start from zero, at torque level
+        from the torque that holds the robot, and a note of the first tick says so.  Raises DeclarationError for a
+        command or a state that is not valid, ModelError for a state of another robot.
+        """
+        sent = numbers("begin", "command", command, (len(self.robot.joint_names),))
+        if state is not None:
+            self.line.require(state, "begin")
+            if not state.valid:
+                raise DeclarationError("begin", f"the state is not valid: {state.fault}", allowed="a valid state")
+        alone(self._turn, self, lambda: self._begun(sent, state))
+
+    def _begun(self, command: Vec, state: State | None) -> None:
+        try:
+            self.line.begin(command, state)
+        except ValueError as error:
+            raise DeclarationError("begin", str(error), allowed="finite numbers and a valid state") from None
 
     def _look(self, given: Any) -> None:
         """Warn of a first state that cannot be meant; the tick takes it as it is."""

@@ -65,6 +65,13 @@ class Batch {
   }
 
   void reset(std::size_t i) { worlds_[i].clear(); }
+  // Change the session of a world between two steps.
+  template <class Change>
+  void change(std::size_t i, const Change& change) {
+    load(*sessions_[0], worlds_[i]);
+    change(*sessions_[0]);
+    store(*sessions_[0], worlds_[i]);
+  }
   std::size_t count() const { return worlds_.size(); }
   std::size_t threads() const { return sessions_.size(); }
   Guarded& session() { return *sessions_[0]; }
@@ -79,13 +86,7 @@ class Batch {
 
   void one(Guarded& session, std::size_t i, const double* q, const double* v, const std::vector<BatchTarget>& targets,
            double* commands, std::int32_t* status, double* residuals, double* x) {
-    WarmState& world = worlds_[i];
-    if (world.empty()) {
-      session.reset();
-    } else {
-      CarryOver before = CarryOver::from(world);
-      session.keep(before);
-    }
+    load(session, worlds_[i]);
     for (const BatchTarget& target : targets)
       session.set(target.member, target.what, target.values + i * target.size, target.size);
     const Line& line = session.line();
@@ -94,6 +95,14 @@ class Batch {
     std::copy(tick.residuals().begin(), tick.residuals().end(), residuals + i * tick.residuals().size());
     if (x) std::copy(tick.x().begin(), tick.x().end(), x + i * tick.x().size());
     status[i] = static_cast<std::int32_t>(tick.status());
+    store(session, worlds_[i]);
+  }
+  static void load(Guarded& session, WarmState& world) {
+    if (world.empty()) return session.reset();
+    CarryOver before = CarryOver::from(world);
+    session.keep(before);
+  }
+  static void store(Guarded& session, WarmState& world) {
     CarryOver after = CarryOver::to(world);
     session.keep(after);
   }

@@ -6,6 +6,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -64,6 +65,12 @@ class Session {
   std::tuple<std::size_t, std::size_t, std::size_t> sizes() const {
     const hqp::Tick& tick = session_.tick();
     return {tick.command().size(), tick.x().size(), tick.residuals().size()};
+  }
+  void begin(const Vector& command, const std::optional<Vector>& q, const std::optional<Vector>& v) {
+    require(command.size() == session_.tick().command().size(), "command");
+    require(!q || q->size() == std::size_t(session_.nq()), "q");
+    require(!v || v->size() == std::size_t(session_.nv()), "v");
+    session_.begin(command.data(), q ? q->data() : nullptr, v ? v->data() : nullptr);
   }
   std::vector<std::string> names() const { return session_.names(); }
 
@@ -140,10 +147,18 @@ class Worlds {
     batch_.step(q.data(), v.data(), told, commands.data(), status.data(), residuals.data(), x.data());
   }
   void reset(std::size_t i) {
-    if (i >= batch_.count())
-      throw nb::index_error(
-          ("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(batch_.count() - 1)).c_str());
+    require(i);
     batch_.reset(i);
+  }
+  void begin(std::size_t i, const Vector& command, const std::optional<Vector>& q, const std::optional<Vector>& v) {
+    require(i);
+    const auto [nq, nv] = state();
+    if (command.size() != std::get<0>(sizes()) || (q && q->size() != std::size_t(nq)) ||
+        (v && v->size() != std::size_t(nv)))
+      throw nb::value_error("command, q or v: wrong shape");
+    batch_.change(i, [&](hqp::Guarded& session) {
+      session.begin(command.data(), q ? q->data() : nullptr, v ? v->data() : nullptr);
+    });
   }
   std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
     const hqp::Tick& tick = batch_.session().tick();
@@ -172,6 +187,12 @@ class Worlds {
   std::size_t bytes() const { return batch_.bytes(); }
 
  private:
+  void require(std::size_t i) const {
+    if (i >= batch_.count())
+      throw nb::index_error(
+          ("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(batch_.count() - 1)).c_str());
+  }
+
   hqp::Batch batch_;
 };
 
@@ -189,6 +210,7 @@ NB_MODULE(_session, module) {
       .def("ask", &binding::LiveSession::ask)
       .def("aim", &binding::LiveSession::aim, "targets"_a)
       .def("phase", &binding::LiveSession::phase, "name"_a)
+      .def("begin", &binding::LiveSession::begin, "command"_a, "q"_a.none(), "v"_a.none(), "angles"_a.none())
       .def("step", &binding::LiveSession::step, "q"_a, "v"_a, "time"_a.none(), "now"_a, "angles"_a.none(),
            "fault"_a.none())
       .def("limit", &binding::LiveSession::limit, "limiter"_a, "last"_a, "x"_a.noconvert())
@@ -206,6 +228,7 @@ NB_MODULE(_session, module) {
       .def_prop_ro("counters", [](const binding::LiveSession& s) { return told(s.counters()); })
       .def_prop_ro("heartbeat", &binding::LiveSession::heartbeat)
       .def_prop_ro("good", &binding::LiveSession::good)
+      .def_prop_ro("start", &binding::LiveSession::start)
       .def_prop_ro("held", &binding::LiveSession::held)
       .def_prop_ro("deadline", &binding::LiveSession::deadline)
       .def_prop_ro("margin", &binding::LiveSession::margin);
@@ -215,6 +238,7 @@ NB_MODULE(_session, module) {
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
            "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("reset", &Worlds::reset, "world"_a)
+      .def("begin", &Worlds::begin, "world"_a, "command"_a, "q"_a.none(), "v"_a.none())
       .def("integrate", &Worlds::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def_prop_ro("counters", &Worlds::counters)
       .def_prop_ro("kind", &Worlds::kind)
@@ -226,6 +250,7 @@ NB_MODULE(_session, module) {
       .def(nb::init<const nb::bytes&, const nb::bytes&>(), "file"_a, "key"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert(),
            "time"_a.none(), "now"_a)
+      .def("begin", &Session::begin, "command"_a, "q"_a.none(), "v"_a.none())
       .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
       .def("held", &Session::held, "reference"_a)
       .def("say", &Session::say, "reference"_a, "present"_a)

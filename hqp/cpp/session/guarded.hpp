@@ -54,6 +54,7 @@ class Guarded {
         good_q_(q_.size()),
         good_v_(v_.size()),
         x_(std::size_t(line_.size())),
+        start_(x_.size()),
         angles_(v_.size()),
         references_(line_, live_),
         contacts_(contact_watch(line_)),
@@ -96,16 +97,38 @@ class Guarded {
 
   // Carry the session's state over to the next tick, without pending references.
   void keep(CarryOver& state) {
-    state.take(good_), outgoing_.trend().keep(state);
+    state.take(good_), state.take(placed_), outgoing_.trend().keep(state);
     state.take(tick_.count_), state.take(tick_.held_);
     state.take(x_.data(), x_.size());
     if (tick_.held_ > 0) rest_->keep(state);
-    if (good_) state.take(good_q_.data(), good_q_.size()), state.take(good_v_.data(), good_v_.size());
+    if (placed_) state.take(good_q_.data(), good_q_.size()), state.take(good_v_.data(), good_v_.size());
     contacts_.keep(state);
     limits_.keep(state);
     references_.keep(state);
     line_.assembly().keep(state);
     line_.solver()->keep(state);
+  }
+
+  // Start from the command that the robot is sent now: rates, braking, and at velocity level the window of
+  // acceleration.  q, v: its state, null if unknown; angles: of q, if the line has no kinematics.  Throws
+  // ReferenceError for a command or a state that is not valid.
+  void begin(const double* command, const double* q, const double* v, const double* angles = nullptr) {
+    Note why;
+    if (!(squared(command, int(robot_.picks.size())) < std::numeric_limits<double>::infinity()))
+      throw ReferenceError("the command is not finite");
+    if (q) {
+      std::copy(q, q + q_.size(), q_.begin());
+      if (!check_.valid(q_.data(), v, angles, why)) throw ReferenceError("the state is not valid: " + why.text());
+      good_q_ = q_, std::copy(v, v + v_.size(), good_v_.begin());
+    }
+    placed_ = q != nullptr;
+    std::fill(x_.begin(), x_.end(), 0.0);
+    if (q && line_.order() == 1) std::copy(v, v + v_.size(), x_.begin());
+    for (std::size_t i = 0; i < robot_.picks.size(); ++i) x_[std::size_t(robot_.picks[i])] = command[i];
+    tick_.x_ = start_ = x_;
+    std::copy(command, command + tick_.command_.size(), tick_.command_.begin());
+    tick_.held_ = 0, good_ = true, answered_ = false;
+    outgoing_.trend().forget();
   }
 
   // Store a field of an element's next reference, its hold value or its measured load; throws ReferenceError.
@@ -145,7 +168,7 @@ class Guarded {
     line_.solver()->reset(), attended_ = false;
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
-    fresh_ = true;
+    fresh_ = true, timed_ = false;
     forget(), presence_.phase(0);
     laws_.reset();
     counters_->pause();
@@ -154,7 +177,7 @@ class Guarded {
   // Continue from another session of the robot: its last command and its margin of time.
   void follow(const Guarded& other) {
     x_ = other.x_, good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
-    budget_ = other.budget_;
+    placed_ = other.placed_, timed_ = other.timed_, budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
     counters_ = other.counters_;
   }
@@ -175,7 +198,7 @@ class Guarded {
   const Tick& rest(const double* last, bool good, std::int64_t held, bool fit, Status why) {
     tick_.note_count_ = 0;
     tick_.status_ = why;
-    const auto start = [&] { return fit || good_ ? from(!fit) : RestFrom{}; };
+    const auto start = [&] { return fit || placed_ ? from(!fit) : RestFrom{}; };
     outgoing_.rest(*rest_, start, fit, held, why, {last, good, tick_.count_}, limiter_.get(), tick_.x_.data(),
                    [this](const Note& why_not) { note(why_not); });
     tick_.held_ = held;
@@ -195,6 +218,8 @@ class Guarded {
   // Count a tick that blends this session with another one.
   void count(const Counters::Ended& blend) { counters_->take(blend, line_.dt()); }
   static double now() { return seconds(Clock::now()); }
+  // The x that the first tick's rates start from.
+  const std::vector<double>& start() const { return start_; }
   bool good() const { return good_; }
   const Budget& budget() const { return budget_; }
   // Describe the number of a state that is too large, "" if all are ordinary.
@@ -219,7 +244,7 @@ class Guarded {
     else foreign_->limit(seconds);
   }
   double left() const {  // time for the solver; work before the first answer is slow and does not count
-    return budget_.left(good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0);
+    return budget_.left(timed_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0);
   }
 
   const Tick& stepped(const double* q, const double* v, const Told& told) {
@@ -241,6 +266,7 @@ class Guarded {
     else budget_.skip();
     laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
     attend(presence_.take());
+    if (!good_ && tick_.count_ == 1) hold_up();
     references_.take_holds(q_.data(), v_.data());
     references_.apply(out_, left_out_.flags(), report());
     if (foreign_ && foreign_->fills) return filled_in_python();
@@ -270,6 +296,15 @@ class Guarded {
   Report report() { return {this}; }
   const RateLimiter* limiter() const { return aside_ ? nullptr : limiter_.get(); }
   Before before() const { return {x_.data(), good_, tick_.count_}; }
+
+  // A torque session that was told of no command starts from the torque that holds the robot up.
+  void hold_up() {
+    if (!line_.torque() || !(limiter_ || aside_)) return;
+    rest_->begin(at(false), x_.data(), true);
+    rest_->next(x_.data());
+    start_ = x_;
+    note({"session", Status::kOptimal, Cause::kStart});
+  }
 
   // Switch elements off and on for this tick; returning elements hold their present value.
   void attend(const Presence::Out& asked) {
@@ -334,7 +369,7 @@ class Guarded {
     fresh_ = answer_.status != Status::kOptimal;
     std::copy(q_.begin(), q_.end(), good_q_.begin());
     std::copy(v_.begin(), v_.end(), good_v_.begin());
-    good_ = true;
+    good_ = placed_ = timed_ = true;
     tick_.held_ = 0;
     return tick_;
   }
@@ -348,7 +383,7 @@ class Guarded {
   const Tick& held_tick(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
     fresh_ = true;
-    const auto start = [&] { return fit || good_ ? from(!fit) : RestFrom{}; };
+    const auto start = [&] { return fit || placed_ ? from(!fit) : RestFrom{}; };
     outgoing_.rest(*rest_, start, fit, ++tick_.held_, why.status, before(), limiter(), tick_.x_.data(), report());
     send();
     return tick_;
@@ -358,17 +393,22 @@ class Guarded {
   const double* around() const { return line_.order() == 1 && good_ ? x_.data() : v_.data(); }
   // State at the begin of braking: the tick's, or the last valid one.
   RestFrom from(bool last) {
-    if (foreign_ && (foreign_->fills || !line_.kinematics())) return foreign_->start(last);
+    const RestFrom found = at(last);
+    if (live_ && line_.torque() && !last && !elsewhere()) {
+      line_.write(q_.data(), v_.data(), around());  // explanations read the rows of this tick
+      left_out_.free();
+      line_.rewrite(v_.data());
+    }
+    return found;
+  }
+  bool elsewhere() const { return foreign_ && (foreign_->fills || !line_.kinematics()); }  // Python has the state
+  RestFrom at(bool last) {
+    if (elsewhere()) return foreign_->start(last);
     const double *q = last ? good_q_.data() : q_.data(), *v = last ? good_v_.data() : v_.data();
     RestFrom found;
     line_.kinematics()->angles(q, angles_.data());
     found.angles = angles_.data(), found.v = v;
     if (line_.torque() && line_.at_rest(q)) found.holding = line_.holding(), found.felt = line_.felt();
-    if (live_ && line_.torque() && !last) {  // explanations read the rows of this tick
-      line_.write(q_.data(), v_.data(), around());
-      left_out_.free();
-      line_.rewrite(v_.data());
-    }
     return found;
   }
 
@@ -397,7 +437,7 @@ class Guarded {
   std::unique_ptr<MotorLimits> motors_;
   std::unique_ptr<RateLimiter> limiter_;
   Budget budget_;
-  std::vector<double> q_, v_, good_q_, good_v_, x_, angles_, over_;
+  std::vector<double> q_, v_, good_q_, good_v_, x_, start_, angles_, over_;
   References references_;
   WarmState initial_;
   ContactWatch contacts_;
@@ -407,7 +447,9 @@ class Guarded {
   Presence presence_;
   PhaseLaws laws_;
   Presence::Out out_, rest_of_, stay_;
-  bool aside_ = false, good_ = false, fresh_ = true, attended_ = false, answered_ = false;
+  // good: x was sent.  placed: good_q_ and good_v_ are known.  timed: an answer was usable before.
+  bool aside_ = false, good_ = false, placed_ = false, timed_ = false, fresh_ = true, attended_ = false,
+       answered_ = false;
   Clock::time_point begin_, filled_, solved_;
   Answered answer_{};
   std::size_t plain_notes_ = 0;

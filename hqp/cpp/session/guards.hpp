@@ -115,19 +115,15 @@ class StateCheck {
   // q is normalised in place; false, and why, where the state is not usable.
   // angles: of q, where no kinematics tell them.
   bool check(double* q, const double* v, const double* time, double now, const double* angles, Note& why) {
-    const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
-    const double square = squared(q, nq) + squared(v, nv);
-    if (!(square < std::numeric_limits<double>::infinity())) return not_finite(q, v, why);
-    if (kinematics_ && !kinematics_->unit(q, kRounding)) {
-      double length = 0.0;
-      bool pair = false;
-      const int wrong = kinematics_->normalise(q, kUnit, length, pair);
-      if (wrong >= 0)
-        return StateBounds::refuse(why, pair ? Cause::kPair : Cause::kQuaternion, places_[std::size_t(wrong)], length,
-                                   kUnit);
-    }
+    double square = 0.0;
+    if (!unit(q, v, square, why)) return false;
     if (age_ && !age_->hold(time, now, why)) return false;
     return square < ordinary_ || within(q, v, angles, why);
+  }
+  // Check a state of any age.
+  bool valid(double* q, const double* v, const double* angles, Note& why) {
+    double square = 0.0;
+    return unit(q, v, square, why) && (square < ordinary_ || within(q, v, angles, why));
   }
   // Return true if no number of a valid state is too large.
   bool within(const double* q, const double* v, const double* angles, Note& why) {
@@ -141,6 +137,21 @@ class StateCheck {
   static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py
   static constexpr double kUnit = 1e-3;
 
+  // Normalise q, and return true if q and v are finite with quaternions near length one; square: of all numbers.
+  bool unit(double* q, const double* v, double& square, Note& why) const {
+    const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
+    square = squared(q, nq) + squared(v, nv);
+    if (!(square < std::numeric_limits<double>::infinity())) return not_finite(q, v, why);
+    if (kinematics_ && !kinematics_->unit(q, kRounding)) {
+      double length = 0.0;
+      bool pair = false;
+      const int wrong = kinematics_->normalise(q, kUnit, length, pair);
+      if (wrong >= 0)
+        return StateBounds::refuse(why, pair ? Cause::kPair : Cause::kQuaternion, places_[std::size_t(wrong)], length,
+                                   kUnit);
+    }
+    return true;
+  }
   bool not_finite(const double* q, const double* v, Note& why) const {
     for (std::size_t i = 0; i < places_.size(); ++i)
       if (!std::isfinite(q[i] * q[i])) return StateBounds::refuse(why, Cause::kNotFinite, places_[i], q[i], 0.0);

@@ -99,6 +99,17 @@ class LiveSession {
   }
   void phase(const std::string& name) { session_->phase(name); }
 
+  // The record of a command that was sent before, see Guarded::begin.
+  nb::object begin(const Vector& command, const std::optional<Vector>& q, const std::optional<Vector>& v,
+                   const std::optional<Vector>& angles) {
+    const hqp::Line& line = session_->line();
+    const double* sent = numbers(command, session_->tick().command().size());
+    const double *at = numbers(q, std::size_t(line.nq())), *speed = numbers(v, std::size_t(line.nv()));
+    session_->begin(sent, at, speed, numbers(angles, std::size_t(line.nv())));
+    return record(*session_, next_);
+  }
+  const std::vector<double>& start() const { return session_->start(); }
+
   // A record; a tuple (record, status, ticks held, notes, count of notes not on joint limits) unless the tick is
   // optimal without notes.
   nb::object step(nb::handle q, nb::handle v, nb::handle time, double now, nb::handle angles, nb::handle fault) {

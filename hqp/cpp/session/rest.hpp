@@ -58,14 +58,19 @@ class SlowDown final : public Rest {
         angles_(low_.size()) {}
 
   void begin(const RestFrom& from, const double* x, bool now) override {
+    placed_ = from.angles != nullptr;
     for (std::size_t i = 0; i < x_.size(); ++i) {
-      x_[i] = from.angles ? x[i] : 0.0;
-      if (from.angles) angles_[i] = from.angles[i] + (now ? 0.0 : dt_ * x[i]);
+      x_[i] = x[i];
+      if (placed_) angles_[i] = from.angles[i] + (now ? 0.0 : dt_ * x[i]);
     }
   }
   void next(double* x) override {
     const double most = fastest(x_, joints_), factor = most > step_ ? std::max(0.0, 1.0 - step_ / most) : 0.0;
     for (std::size_t i = 0; i < x_.size(); ++i) {
+      if (!placed_) {
+        x[i] = x_[i] *= factor;
+        continue;
+      }
       // the last way to a limit and no further; back from beyond a limit is not its business
       const double down = std::min((low_[i] - angles_[i]) / dt_, 0.0),
                    up = std::max((high_[i] - angles_[i]) / dt_, 0.0);
@@ -75,6 +80,7 @@ class SlowDown final : public Rest {
     }
   }
   void keep(CarryOver& state) override {
+    state.take(placed_);
     state.take(x_.data(), x_.size());
     state.take(angles_.data(), angles_.size());
   }
@@ -84,6 +90,7 @@ class SlowDown final : public Rest {
   std::vector<double> low_, high_;
   std::vector<int> joints_;
   std::vector<double> x_, angles_;
+  bool placed_ = false;  // true if the angles are known
 };
 
 // Acceleration level: qdd = -v min(1 / dt, a / max_i |v_i|), v estimated from the last good state on.

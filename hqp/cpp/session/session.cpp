@@ -109,6 +109,9 @@ std::string Note::text() const {
       return "the joint-space inertia is not positive definite";
     case Cause::kNoState:
       return "no valid state so far: the command is zero";
+    case Cause::kStart:
+      return "the command sent before the first tick is unknown: rates start from the torque that holds the robot; "
+             "call begin(command=...) with the command that the robot is sent now";
   }
   return "";
 }
@@ -130,6 +133,7 @@ Session& Session::operator=(Session&&) noexcept = default;
 
 Reference Session::reference(const std::string& name) { return {*guarded_, guarded_->references().member(name)}; }
 void Session::phase(const std::string& name) { guarded_->phase(name); }
+void Session::begin(const double* command, const double* q, const double* v) { guarded_->begin(command, q, v); }
 const Tick& Session::step(const double* q, const double* v) noexcept { return guarded_->step(q, v); }
 const Tick& Session::step(const double* q, const double* v, double time) noexcept {
   return step(q, v, time, std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count());

@@ -99,6 +99,15 @@ class Session {
   // ReferenceError for one that the plan does not have.
   void phase(const std::string& name);
 
+  // Start from the command (actuated,) that the robot is sent now: rate limits, braking, and at velocity level the
+  // acceleration window. q (nq), v (nv): its state, null if unknown. Without it a torque session starts from the torque
+  // that holds the robot. Throws ReferenceError for numbers that are not finite or no state.
+  void begin(const double* command, const double* q = nullptr, const double* v = nullptr);
+  template <class Command, class Vector, class = Data<Command>>
+  void begin(const Command& command, const Vector& q, const Vector& v) {
+    begin(command.data(), q.data(), v.data());
+  }
+
   // One tick for q (nq) and v (nv): no allocation, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
   // Step with the time of the state [s], which plans with a max_age require, on the clock of now

@@ -73,6 +73,7 @@ enum class Cause {
   kSolver,     // see the status
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
+  kStart,      // no command was known before the first tick
   kForeign,    // a fault of rows written in Python
 };
 

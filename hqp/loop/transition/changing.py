@@ -33,7 +33,7 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
         raise DeclarationError("change", "duration over", value=over, unit="s", allowed="0 or above")
     latest, under_way = line.latest, line.transition
-    ordinary = latest is not None and line.held == 0 and not staged(latest)
+    ordinary = latest is not None and line.begun and line.held == 0 and not staged(latest)
     last = line.last_references
     if under_way is not None:
         for each in under_way.pair:
@@ -89,7 +89,7 @@ def blended(
     line.named = references
     if a.held or b.held:
         return held(line, second, state, b if b.held else a, transition.progress)
-    last = line.x
+    last = line.x if line.latest is not None else a.before
     x, reach = transition.blend(a.x, b.x, last, line.guards.joints, h)
     told: Notes = ()
     status = Status.OPTIMAL
@@ -130,7 +130,7 @@ def held(line: Line, second: Line, state: State, worst: Tick, progress: float) -
     """A tick in which one of the two stacks has no usable answer."""
     line.held += 1
     fit = worst.status not in (Status.INVALID_STATE, Status.DYNAMICS_FAILED)
-    last = line.x
+    last = line.x if line.latest is not None else worst.before
     x, notes = second.native.rest(last, line.good, line.held, fit, worst.status.severity)
     told = tuple(note for note in worst.notes if note.element != "session")
     worst.follow(np.array(x), last, (*told, *of_native(notes)), worst.status, progress)
