@@ -10,6 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.collision_library import Placement, coal
+from hqp.progress import tracked
 from hqp.shapes import LinkCapsule
 
 from . import geometry
@@ -52,7 +53,8 @@ def surfaces(robot: Any) -> dict[int, Surface]:
 def fit_surfaces(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...]:
     """Capsules around each of the surfaces, by joint."""
     found: list[LinkCapsule] = []
-    for joint, part in surfaces.items():
+    told = f"fitting capsules to {len(surfaces)} links of {robot.name}"
+    for joint, part in tracked(surfaces.items(), told, lambda item: len(item[1].radii)):
         name = link_name(robot, joint)
         fits = fit(part)
         for k, (a, b, radius) in enumerate(fits):

@@ -22,6 +22,7 @@ from hqp.loop.session import Controller, Session
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
 from hqp.problem.certify import certificate
 from hqp.programs.formulation import Formulation, Velocity
+from hqp.progress import tracked
 from hqp.solvers import available, load
 from hqp.solvers.base import Solver, Workspace
 
@@ -76,7 +77,9 @@ def compare(
 
 def _run_all(named: Sequence[tuple[str, Solver]], problems: list[Hierarchy], repeats: int) -> tuple[str, list[Line]]:
     """The first solver whose every answer is certified, and a line a solver with its distance from that one."""
-    runs = [(name, solver, *_run(name, solver, problems, repeats)) for name, solver in named]
+    runs = [
+        (name, solver, *_run(name, solver, problems, repeats)) for name, solver in tracked(named, "comparing solvers")
+    ]
     sound = [(name, x) for name, solver, line, x in runs if x is not None and solver.strict and line.certified == 1.0]
     if not sound:
         return "", [line for *_, line, _ in runs]

@@ -16,6 +16,7 @@ from hqp.declare.stack import Stack
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session
 from hqp.programs.formulation import Velocity
+from hqp.progress import tracked
 from hqp.tasks import Position
 
 from .holds import Hold, Plane, turn, turns
@@ -171,7 +172,9 @@ class Tracker:
         holds = {side: Hold(RELEASE / self.dt) for side in SIDES}
         bent: dict[str, Vec] = {}
         state = self.robot.state(q, v)
-        for i in range(first, last, step):
+        frames = range(first, last, step)
+        title = f"{'smoothing' if course else 'retargeting'}, a pass over {len(frames)} frames"
+        for i in tracked(frames, title):
             j = i + step
             feet = self.feet(i, j)
             self._hold(state, i, feet, holds, course)

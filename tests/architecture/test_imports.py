@@ -22,7 +22,7 @@ ROBOTS = sorted((ROOT / "robots").rglob("*.py"))
 BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadprog"}
 
 FLOORS = (
-    {"errors", "markdown", "tolerances"},
+    {"errors", "markdown", "progress", "tolerances"},
     {"arrays", "collision_library", "native", "sweep", "web"},
     {"angles", "dlpack", "floating_base", "problem", "shapes"},
     {"solvers", "state_map"},
