@@ -25,15 +25,15 @@ PARTS = {
     "calm": "closed loops out of reach, at the edge, blocked: exact beside priced levels",
     "experiments": "experiments in simulation",
 }
-"""Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
+"""Parts of the main job in order; a missing module omits its part.  A module has ``add_arguments`` and ``run``."""
 
 EXTRA = {
     "changes": "changes of stack in a closed loop: jumps of the command, time of a tick",
-    "deadline": "torque ticks with violated constraints: how long with the default deadline and without, how good",
+    "deadline": "torque ticks with violated constraints: time and quality with the default deadline and without",
     "batches": "many worlds at once on G1 and UR5: ticks a second, memory",
-    "loops": "recorded loops of five robots in C++: same bits, allocations, how long ticks take",
-    "soak": "random closed loops with everything that goes wrong, at length",
-    "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
+    "loops": "recorded loops of five robots in C++: same bits, allocations, times of ticks",
+    "soak": "long random closed loops with faults of every kind",
+    "collision": "blocked hands, a table in MuJoCo, and the cost of pairs",
     "pages": "tables of the experiments' pages from the committed runs",
     "reach": "inverse kinematics to 1000 random poses, beside roboplan",
 }
@@ -49,7 +49,7 @@ ROOMS = {
     "collision": "collision.command",
     "reach": "reach.command",
 }
-"""Modules of parts that do not bear the part's name."""
+"""Modules whose names differ from their parts'."""
 
 SMALLER = {
     "papers": ("--states", "25"),
@@ -59,7 +59,7 @@ SMALLER = {
     "solvers": ("--repeat", "3", "--others", "4", "--random", "200"),
     "calm": ("--quick",),
 }
-"""What the main job asks less of than a part run by itself, unless in full: it ends within five minutes."""
+"""Shorter options of parts in the main job, except with ``--full``: the job ends within five minutes."""
 
 PYTHON = (sys.executable, "-m", "benchmarks")
 
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def present(part: str) -> bool:
-    """Whether the module of a part exists (a folder without ``__init__`` is none)."""
+    """Return true if the part has a module; a folder without ``__init__`` does not count."""
     spec = importlib.util.find_spec(_module(part))
     return spec is not None and spec.origin is not None
 
@@ -128,7 +128,7 @@ def _part(part: str, argv: Sequence[str]) -> int:
 
 
 def _main_job(arguments: argparse.Namespace) -> int:
-    """All parts, a line each as they end; failures, figures and the report's path at the end."""
+    """Run all parts and show a line each as they end; list failures, figures and the report's path at the end."""
     importlib.import_module("benchmarks.experiments").choose_renderer()  # before any part imports MuJoCo
     from benchmarks.reports import page, report
 
@@ -167,7 +167,7 @@ def _main_job(arguments: argparse.Namespace) -> int:
 
 
 def _child(name: str, arguments: argparse.Namespace) -> int:
-    """The status of a part in a process of its own; what it prints goes into its log."""
+    """Run a part in its own process, print into its log, return its exit status."""
     output: Path = arguments.output
     smaller = () if arguments.full else SMALLER.get(name, ())
     options = ["--output", str(output), "--json", str(output / f"{name}.json"), *smaller]

@@ -1,7 +1,7 @@
-"""Changes of stack in a closed loop: how far a command jumps, and what a tick of a transition takes.
+"""Changes of stack in a closed loop: largest jump of the command and CPU time of a tick of the transition.
 
-Add a hand, swap two levels, remove the hand; shift the CoM over a foot, release the other one, take it up again: on
-every robot at every level, transitions of 0.25 s at 2 ms, on the exact integrator.
+Events: add a hand, swap two levels, remove the hand; shift the CoM over a foot, release the other foot, load it again.
+Every robot runs them at every level on the exact integrator, with transitions of 0.25 s and ticks of 2 ms.
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ def tables(found: Sequence[Change]) -> str:
         return f"{worst if c.calm else f'**{worst}**'} ({number(c.before)}; {number(c.abrupt)})"
 
     return (
-        "Largest change of a command in one tick; in brackets that of the second before, and of the same change at"
+        "Largest change of a command in one tick; in brackets: in the second before, and if the stack changes at"
         f" once:\n\n{head}{rows(jump)}\n\n"
-        "CPU time of a tick of the transition in plain ticks, the mean of those of the old stack before it and of those"
-        " that follow\nthe same change at once (medians):\n\n"
+        "Median CPU time of a tick of the transition. Unit: mean of a tick of the old stack before it and a tick of the"
+        " new stack\nafter a change at once:\n\n"
         f"{head}{rows(lambda c: f'{c.ratio:.1f}')}\n"
     )
 

@@ -1,4 +1,4 @@
-"""The paper's stack through every solver: equal where no limit is active, strict and certified where some are."""
+"""The paper's stack through every solver: equal if no limit is active, strict and certified if some are."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ CRITICAL, HAND = 1, 2
 """Places of the levels in a problem whose first level is the joint limits."""
 
 REFERENCE = "lexicographic"
-"""Whose residuals the others are compared with; it is judged by the certificate alone."""
+"""Solver of the reference residuals; the certificate alone judges it."""
 
 GENTLE, HARD = (0.005, 0.02), (0.04, 1.0)
-"""How far CoM and hand are asked to be away [m]: within the limits, and well beyond what they allow."""
+"""Distances of the targets of CoM and hand [m]: within the limits, and far outside them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,12 +73,12 @@ class Case:
 
     @property
     def inside(self) -> bool:
-        """Whether no limit stands in the projector's way."""
+        """Return true if the projector's answer keeps all limits."""
         return self.projector.status.solved
 
 
 def cases(robot: Robot, count: int, away: tuple[float, float], seed: int) -> list[Case]:
-    """The paper's stack with joint limits at states near home, CoM and hand asked to move by up to ``away`` [m]."""
+    """Problems of the paper's stack with joint limits, near home, targets of CoM and hand up to ``away`` [m] off."""
     rng = np.random.default_rng([seed, robot.nv])
     stack = paper_stack(roles(robot), limits=True)
     com, hand = stack.find("com_xy", Com), stack.find("hand", Position)
@@ -173,7 +173,7 @@ def _error(x: Vec, reference: Vec) -> float:
 
 
 def _by_itself(solver: Solver, some: list[Case]) -> str:
-    """What a wrapped back end reaches without our refinement: told, not judged."""
+    """Gap of a wrapped back end without our refinement, in words; it is reported, not judged."""
     bare = alone(solver)
     if bare is None or not some:
         return ""

@@ -1,7 +1,7 @@
-"""Torque ticks whose constraints cannot all hold, with the default deadline and without: how long, and how good.
+"""Time and quality of torque ticks with contradictory constraints, with the default deadline and without.
 
-Both feet are asked to bear more than the robot weighs, hands are out of reach, the robot is kicked.  A tick that ends
-at its deadline is judged against the last command, clipped into the same box.
+The least loads of both feet exceed the robot's weight, hands are out of reach, kicks disturb the robot.  The last
+command, clipped into the same box, is the measure of a tick that ends at its deadline.
 """
 
 from __future__ import annotations

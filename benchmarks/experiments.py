@@ -1,6 +1,6 @@
 """Both papers' experiments in simulation: CBi balances and draws, Dreamer is pulled up a slope.
 
-Without a name: short versions, without distributions over runs; a name, or --full, means the whole thing.
+Without a name: short versions, without distributions over runs; a name, or --full, selects the full versions.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NAMES = {
     "standing-pushes": "walking.pushes",
 }
 BY_NAME = ("cbi-statistics", "dreamer-statistics", "walking", "standing-pushes")
-"""Left out of the short versions: distributions and a search, which tell nothing of a few runs."""
+"""Omitted in the short versions: distributions and a search, which need many runs."""
 
 SHORT = tuple(name for name in NAMES if name not in BY_NAME)
 
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run, show, write; returns 1 if a figure misses its limit, 2 for a name that is none."""
+    """Run, show, write; returns 1 if a figure misses its limit, 2 for an unknown name."""
     from benchmarks.reports import report
 
     unknown = [name for name in arguments.names if name not in NAMES]
@@ -123,7 +123,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def choose_renderer() -> str:
-    """Have MuJoCo render without a screen where it can: EGL, else OSMesa; before it is imported.  What was chosen."""
+    """Select MuJoCo's renderer without a screen before its import: EGL, else OSMesa.  Returns the name."""
     if "MUJOCO_GL" not in os.environ and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         libraries = {"egl": "EGL", "osmesa": "OSMesa"}
         found = next((name for name, library in libraries.items() if ctypes.util.find_library(library)), "disable")

@@ -30,7 +30,7 @@ BY_TILT = {
     "7 deg": "nominal-tilt",
     "8 deg": "slope, 8 deg, rollers, IMU only",
 }
-"""Cells in which the tilt is all that is known of the ground, by slope."""
+"""Cells whose controller knows only the tilt of the ground, by slope."""
 
 TOLD_BY_TILT = ("CoM error, way up", "CoM error, way back", "travel", "pull, max", "hand error under pull")
 
@@ -54,14 +54,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def files() -> dict[Path, str]:
-    """What every page, and the file of Dreamer's percentiles, has to hold."""
+    """Generate the text of every page and of the file of Dreamer's percentiles."""
     made = tables()
     found = {DOCS / name: renewed((DOCS / name).read_text(), made) for name in PAGES}
     return {**found, DATA / "dreamer-statistics.json": json.dumps(_percentiles(), indent=1) + "\n"}
 
 
 def renewed(page: str, made: Mapping[str, str]) -> str:
-    """The page with its tables made anew.  Raises KeyError for a table that nothing makes."""
+    """Replace the tables of a page.  Raises KeyError for a table without a generator."""
 
     def filled(found: re.Match[str]) -> str:
         return f"{found['name']}{found['open']}\n{made[found['name']]}\n\n{found['close']}"
@@ -83,7 +83,7 @@ def _text(made: Table) -> str:
 
 
 def _experiment(outcome: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of an experiment under its name, its tables under ``NAME: TITLE``, and when and how it was made."""
+    """Figures of an experiment by its name, tables by ``NAME: TITLE``, command and versions by ``NAME: made``."""
     name, parameters = outcome["experiment"], outcome["parameters"]
     figures = [_figure(figure) for figure in outcome["figures"]]
     found = {name: _of_today(HEADER, [figure.cells() for figure in figures])}
@@ -99,7 +99,7 @@ def _experiment(outcome: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _of_today(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table without the columns that tell what earlier studies found."""
+    """Table without the columns of earlier studies."""
     kept = [k for k, title in enumerate(header) if "earlier" not in title]
     return markdown([header[k] for k in kept], [[row[k] for k in kept] for row in rows])
 
@@ -127,7 +127,7 @@ def _percentiles() -> Any:
 
 
 def _walking() -> dict[str, str]:
-    """What was walked, and by which robots."""
+    """Tables of walks and of the robots that walked."""
     from benchmarks.walking import robots, statistics
 
     made = {}

@@ -1,8 +1,8 @@
-"""Random closed loops with everything that goes wrong: NaN, kicks, changes of stack, conflicts, targets out of reach.
+"""Random closed loops with faults: NaN, kicks, changes of stack, conflicts, targets out of reach.
 
-`python -m benchmarks soak --ticks 100000` counts statuses and tells the worst tick and the worst jump; what must never
-happen (an exception, a number that is not finite, a level above moved, a limit of rate passed) ends the run.
-In every tenth tick the levels above are looked at: solved anew without those below, they must be as they were.
+`python -m benchmarks soak --ticks 100000` counts statuses and prints the worst tick and the worst jump.  An exception,
+a number that is not finite, a changed upper level or a violated rate limit ends the run.  Every tenth tick solves
+the upper levels again without those below and compares.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from tests.scenes.soak import LEVELS, RATES, ROBOTS, Record, load, soak
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """How long, and from which seed."""
+    """Options of this part."""
     parser.add_argument("--ticks", type=int, default=100_000, help="ticks in all (100000)")
     parser.add_argument("--seed", type=int, default=0, help="of events and targets (0)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Soak every robot at every level in turns of 500 ticks until all ticks are done, and tell what was seen."""
+    """Soak every robot at every level in turns of 500 ticks up to the number of ticks; print the record."""
     ticks = 5000 if arguments.quick else int(arguments.ticks)
     rng, record, turn, sizes = np.random.default_rng(arguments.seed), Record(), 0, []
     while record.ticks < ticks:

@@ -1,1 +1,1 @@
-"""What a simulated experiment is recorded, drawn and filmed with."""
+"""Recorders, plots and films of simulated experiments."""

@@ -1,4 +1,4 @@
-"""Smooth references: ramps, sine, figure-8, and what a sine's answer tells of gain and lag."""
+"""Smooth references: ramps, sine, figure-8; gain and lag of the response to a sine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hqp.arrays import Mat, Vec
 
 
 def smooth(s: float) -> float:
-    """From 0 to 1 as s does, with zero velocity and acceleration at both ends (a quintic)."""
+    """Quintic from 0 to 1 for s from 0 to 1, with zero velocity and acceleration at both ends."""
     s = min(max(s, 0.0), 1.0)
     return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
@@ -28,9 +28,9 @@ def figure_eight(t: float, across: float, up: float, frequency: float) -> Vec:
 
 
 def response(t: Vec, wanted: Vec, actual: Vec, frequency: float) -> tuple[float, float]:
-    """(gain, lag [s]) of ``actual`` behind ``wanted``, both ``(ticks,)``: of their parts at a frequency [Hz].
+    """Gain and lag [s] of ``actual`` behind ``wanted``, both ``(ticks,)``, at a frequency [Hz].
 
-    Over the last whole periods that fit half the time.
+    The window is the last whole periods within half the time.
     """
     step = t[1] - t[0]
     periods = max(1, math.floor(0.5 * (t[-1] - t[0]) * frequency))

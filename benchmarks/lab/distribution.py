@@ -1,4 +1,4 @@
-"""Figures as distributions over runs: percentiles that were met, limits, and what a count of falls is worth."""
+"""Distributions of figures over runs: percentiles, limits, and confidence bounds of fall rates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.lab.outcome import number
 
 CONFIDENCE = 0.95
-"""Of the one-sided bound on the fall rate."""
+"""Confidence of the one-sided bound on the fall rate."""
 
 SHARES = {"median": 0.5, "p95": 0.95, "p99": 0.99, "worst": 1.0}
 
@@ -20,7 +20,7 @@ Numbers = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def percentiles(values: Sequence[float] | Numbers) -> dict[str, float]:
-    """Median, 95th, 99th percentile and worst; each is a value that was met, none is interpolated."""
+    """Median, 95th, 99th percentile and worst; each is a measured value without interpolation."""
     return _picked(np.sort(np.asarray(values, dtype=np.float64)))
 
 
@@ -29,7 +29,7 @@ def _picked(ordered: Numbers) -> dict[str, float]:
 
 
 def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> float:
-    """The fall rate that is not exceeded with that confidence, one-sided, exact (Clopper and Pearson 1934)."""
+    """Upper bound of the fall rate with that confidence, one-sided, exact (Clopper and Pearson 1934)."""
     from scipy.stats import beta
 
     return 1.0 if falls >= runs else float(beta.ppf(confidence, falls + 1, runs - falls))
@@ -37,9 +37,9 @@ def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> fl
 
 @dataclass(frozen=True)
 class Asked:
-    """A measure by its key, in words, with the limits that were promised.
+    """Measure by its key, in words, with its limits.
 
-    scale: of the number shown over it.  smaller_is_worse: also where no lower limit was promised.
+    scale: factor of the shown number.  smaller_is_worse: order of a measure without a lower limit.
     """
 
     key: str
@@ -51,18 +51,18 @@ class Asked:
 
     @property
     def promised(self) -> bool:
-        """Whether there is a limit."""
+        """Return true if the measure has a limit."""
         return math.isfinite(self.low) or math.isfinite(self.high)
 
     @property
     def limits(self) -> str:
-        """In words."""
+        """Limits in words."""
         if math.isfinite(self.low) and math.isfinite(self.high):
             return f"{self.low:g} to {self.high:g}"
         return "" if not self.promised else f">= {self.low:g}" if math.isfinite(self.low) else f"<= {self.high:g}"
 
     def spread(self, rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-        """Median, 95th, 99th percentile and worst, by how near to the limit or beyond it; NaN is the worst."""
+        """Median, 95th, 99th percentile and worst, ordered towards the limit and beyond it; NaN is the worst."""
         values = self.scale * np.array([row[self.key] for row in rows], dtype=np.float64)
         if math.isfinite(self.low) and math.isfinite(self.high):
             badness = np.abs(values - 0.5 * (self.low + self.high))
@@ -71,7 +71,7 @@ class Asked:
         return _picked(values[np.argsort(badness, kind="stable")])
 
     def cell(self, rows: Sequence[Mapping[str, float]]) -> str:
-        """Median / 99th percentile / worst, and whether the 99th percentile is within the limits."""
+        """Median / 99th percentile / worst, and pass or FAIL of the 99th percentile."""
         found = self.spread(rows)
         text = " / ".join(number(found[at]) for at in ("median", "p99", "worst"))
         if not self.promised:

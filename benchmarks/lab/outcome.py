@@ -1,4 +1,4 @@
-"""What an experiment gives: figures held against their limits, tables, parameters, files."""
+"""Outcome of an experiment: figures with their limits, tables, parameters, files."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Figure:
-    """A number with what was asked of it; passed if ``low <= measured <= high``, and never where it is NaN.
+    """Number with its limits; passed if ``low <= measured <= high``, failed if it is NaN.
 
-    before: the number found for it in earlier studies on the same tables, or the paper's.
-    binding: whether a miss fails the experiment; speed does not, for it is the machine's as much as ours.
+    before: the number of earlier studies on the same tables, or of the paper.
+    binding: true if a miss fails the experiment; false for speed, which depends on the machine.
     """
 
     what: str
@@ -63,7 +63,7 @@ HEADER = ("", "figure", "asked", "measured", "earlier")
 
 
 def holds(what: str, found: bool, wanted: bool = True, before: str = "") -> Figure:
-    """A figure that is a fact: found or not, and which of the two is wanted."""
+    """Figure of a fact: found or not, with the wanted one of the two."""
     return Figure(what, float(found), "yes/no", float(wanted), float(wanted), before)
 
 
@@ -74,7 +74,7 @@ def number(x: float) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers that are shown and not judged, or judged cell by cell in words."""
+    """Numbers without a verdict, or with one in each cell's words."""
 
     title: str
     header: tuple[str, ...]

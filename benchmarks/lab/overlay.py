@@ -1,4 +1,4 @@
-"""What is drawn into the scene: force arrow, human hand, plumb line of the CoM, trace of a hand, support polygon."""
+"""Drawings in the scene: force arrow, human hand, plumb line of the CoM, trace of a hand, support polygon."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def ball(scene: Any, centre: Vec, radius: float, colour: tuple[float, ...]) -> N
 
 
 def recolour(scene: Any, run: Any, body: str, colour: tuple[float, ...]) -> None:
-    """Draw all of a body in a colour, the model stays as it is."""
+    """Draw a body in one colour without a change of the model."""
     model = run.plant.model
     number, kind = model.body(body).id, int(mujoco.mjtObj.mjOBJ_GEOM)
     for geom in scene.geoms[: scene.ngeom]:
@@ -68,7 +68,7 @@ def recolour(scene: Any, run: Any, body: str, colour: tuple[float, ...]) -> None
 
 
 def ground_height(run: Any, x: float) -> float:
-    """Of the terrain at x [m]."""
+    """Height of the terrain at x [m]."""
     terrain = run.plant.terrain
     return 0.0 if terrain is None else float(terrain.height(x))
 
@@ -122,7 +122,7 @@ def upper_com(run: Any) -> Vec:
 
 
 def place_hand(run: Any) -> None:
-    """Draw the human hand with its fingers at the robot's, while it holds it."""
+    """Draw the human hand with its fingers at the robot's hand, while it holds it."""
     held = run.t >= run.scene.walk.start
     fingers = run.plant.place("hand_point")[0] + [0.05, 0.0, 0.0]
     run.plant.move_hand(fingers if held else np.array([0.0, 0.0, -10.0]))
@@ -140,7 +140,7 @@ def wheels(run: Any) -> Support:
 
 
 def feet(run: Any) -> Support:
-    """CBi: the soles that bear load, the CoM and where it should be."""
+    """CBi: the soles that bear load, the CoM and its goal."""
     loaded = run.plant.contacts().load > 1.0
     soles = [np.array(points)[:, :2] for points, on in zip(_soles(run), loaded, strict=True) if on]
     goal = run.log["com_goal"][-1] if "com_goal" in run.log else run.goal
@@ -155,7 +155,7 @@ class Trace:
         self._run: Any = None
 
     def follow(self, run: Any) -> None:
-        """Remember where the hand is, every 40 ms."""
+        """Store the place of the hand every 40 ms."""
         if run is not self._run:
             self._run, self._points = run, []
         if not self._points or len(self._points) * 0.04 <= run.t:

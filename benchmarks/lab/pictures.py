@@ -1,4 +1,4 @@
-"""Pictures of a run while it goes: a contact sheet, and an mp4 if asked; a machine that cannot render says so."""
+"""Pictures during a run: a contact sheet, an mp4 on request, or a note if the machine cannot render."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FPS = 25
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A camera: azimuth and elevation [deg], distance from what it follows, and place of that over the base [m]."""
+    """Camera: azimuth and elevation [deg], distance from its target and the target's place over the base [m]."""
 
     azimuth: float
     elevation: float = -10.0
@@ -35,7 +35,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True)
 class Shoot:
-    """Which run of an experiment is photographed, from where, at what instants, and what is drawn into the scene."""
+    """Photographed run of an experiment: camera, instants, and drawings in the scene."""
 
     wanted: Callable[[Any], bool]
     view: View
@@ -90,7 +90,7 @@ SHOOTS = {
 
 
 class Photographer:
-    """Called after every period of every run; takes the first run that is wanted."""
+    """Photographer of the first run that its ``Shoot`` selects; call it after every period of every run."""
 
     def __init__(self, name: str, setting: Setting) -> None:
         self._name, self._setting = name, setting
@@ -132,7 +132,7 @@ class Photographer:
         try:
             self._renderer = mujoco.Renderer(run.plant.model, HEIGHT, WIDTH)
         except Exception as reason:
-            # drivers fail in many ways, and none of them is a failure of the experiment
+            # drivers fail in many ways; the experiment continues without pictures
             self._trouble = f"{type(reason).__name__}: {reason}"
             return
         self._left = list(shoot.instants(run))
@@ -151,7 +151,7 @@ class Photographer:
         return self._renderer.render()
 
     def finish(self, outcome: Outcome) -> None:
-        """Compose the sheet, close the film; what could not be done is noted."""
+        """Compose the sheet, close the film, note failures."""
         output: Path | None = self._setting.output
         if self._trouble:
             outcome.notes.append(f"No pictures: {self._trouble}")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from benchmarks.sentis2012.experiments.dreamer_run import Outing
 
 GOAL, ACTUAL, OTHER = "0.7", "#0072b2", "#d55e00"
-"""Told apart in grey and by colour-blind readers; what is desired is a wide band under what was done."""
+"""Colours that differ in grey and for colour-blind readers; the reference is a wide band under the measured curve."""
 BAND: dict[str, Any] = {"color": GOAL, "linewidth": 5.0, "solid_capstyle": "round"}
 DASHED = (0, (4, 1.5))
 CM, MM = 100.0, 1000.0
@@ -42,7 +42,7 @@ def _axes(rows: int, height: float) -> tuple[plt.Figure, np.ndarray]:
 
 
 def _legend_below(figure: plt.Figure, axis: plt.Axes) -> None:
-    """One legend for all axes, where it hides nothing."""
+    """One legend for all axes, below them."""
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="small")
 
 

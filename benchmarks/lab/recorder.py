@@ -18,7 +18,7 @@ class Recorder:
     """Rows of numbers under names; every call of ``add`` is one tick, and every tick has the same names and shapes."""
 
     FIRST = 1024
-    """Ticks that there is room for at first; doubled when it is full."""
+    """Capacity in ticks at first; doubled when it is full."""
 
     def __init__(self) -> None:
         self._columns: dict[str, list[Vec]] = {}
@@ -27,7 +27,7 @@ class Recorder:
         self.length = 0
 
     def add(self, **values: Any) -> None:
-        """Append a tick; what is given is copied.  Raises ValueError for other names or shapes than at first."""
+        """Append a tick with copies of the values.  Raises ValueError for other names or shapes than at first."""
         if not self._slots:
             self._begin(values)
         elif values.keys() != self._slots.keys():
@@ -50,7 +50,7 @@ class Recorder:
         self._table = np.empty((self.FIRST, at))
 
     def add_to_last(self, **values: Any) -> None:
-        """More of the tick that was added last."""
+        """Add values to the latest tick."""
         for name, value in values.items():
             self._columns.setdefault(name, []).append(np.array(value, dtype=np.float64))
 
@@ -83,7 +83,7 @@ LEVELS = 8
 
 
 def level_residuals(tick: Tick) -> Vec:
-    """Norm of what each level of a tick's hierarchy falls short by ``(LEVELS,)``, NaN beyond the last one."""
+    """Residual norm of each level of a tick's hierarchy ``(LEVELS,)``, NaN beyond the last one."""
     norms = np.full(LEVELS, np.nan)
     if tick.solution is not None:
         for k, w in enumerate(tick.solution.residuals[:LEVELS]):

@@ -1,4 +1,4 @@
-"""How experiments are run: how long, with which solver, what is written and shown."""
+"""Options of experiments: length, solver, written files, pictures."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from hqp.solvers.base import Solver
 class Setting:
     """Options common to all experiments.
 
-    full: everything, not the short version.  output: folder of logs and figures, None for none.  pictures, video:
-    render the scene.  show: called after every period with the run, for a viewer.  advance: called as work gets done.
+    full: the full version, not the short one.  output: folder of logs and figures, or None.  pictures, video:
+    render the scene.  show: called after every period with the run, for a viewer.  advance: callback of progress.
     jobs: processes for sweeps.
     """
 
@@ -31,13 +31,13 @@ class Setting:
     advance: Callable[[], None] = field(default=lambda: None, compare=False)
 
     def log(self, outcome: Outcome, stem: str, recorder: Recorder) -> None:
-        """Write a run's log as npz, where there is a folder."""
+        """Write a run's log as npz if there is a folder."""
         if self.output is not None:
             path = recorder.save(self.output / f"{outcome.name}_{stem}.npz", outcome.parameters)
             outcome.files.append((f"log, {stem}", path))
 
     def plot(self, outcome: Outcome, plot: str, *runs: Any) -> None:
-        """Draw a figure of ``benchmarks.lab.plots`` by name, where there are a folder and matplotlib."""
+        """Draw a figure of ``benchmarks.lab.plots`` by name if there are a folder and matplotlib."""
         if self.output is None:
             return
         try:
@@ -49,7 +49,7 @@ class Setting:
             outcome.files.append((caption, path))
 
     def speed(self, factors: tuple[float, float], wanted: float) -> tuple[Figure, Figure]:
-        """The real-time factor by processor time, which is judged, and by wall time, which other programs spoil."""
+        """Real-time factors by CPU time, with a limit, and by wall time, which includes other programs."""
         return (
             Figure("real-time factor, processor time", factors[0], low=wanted, binding=False),
             Figure("real-time factor, wall time", factors[1], binding=False),

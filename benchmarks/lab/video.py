@@ -1,4 +1,4 @@
-"""An mp4 from raw frames, by ffmpeg: that of imageio-ffmpeg, or the system's."""
+"""An mp4 from raw frames, by the ffmpeg of imageio-ffmpeg or of the system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class Video:
-    """A film that grows frame by frame; where there is no ffmpeg, ``trouble`` says so and frames are dropped."""
+    """Film that grows frame by frame; without ffmpeg it drops frames and sets ``trouble``."""
 
     def __init__(self, path: Path, width: int, height: int, fps: int) -> None:
         self.path = path
@@ -47,7 +47,7 @@ class Video:
             self.close()
 
     def close(self) -> bool:
-        """Finish; whether there is a film."""
+        """Finish the film; return true if there is one."""
         if self._process is None:
             return False
         _, errors = self._process.communicate()

@@ -11,7 +11,7 @@ from benchmarks.lab import overlay
 
 
 class Viewer:
-    """Called after every period of a run; opens a window for each new run, raises RuntimeError without a screen."""
+    """Window for each new run; call it after every period.  Raises RuntimeError without a screen."""
 
     def __init__(self) -> None:
         self._run: Any = None
@@ -19,7 +19,7 @@ class Viewer:
         self._began = 0.0
 
     def __call__(self, run: Any) -> None:
-        """Show the present state, and wait until it is due."""
+        """Show the present state at its time."""
         if run is not self._run:
             if self._window is not None:
                 self._window.close()

@@ -1,1 +1,1 @@
-"""What a report is made of: checks, tables, the machine, the solvers."""
+"""Parts of a report: checks, tables, the machine, the solvers."""

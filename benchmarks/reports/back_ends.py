@@ -1,4 +1,4 @@
-"""QP back ends on problems with a known answer: named where they were called, raw beside refined."""
+"""QP back ends on problems with a known answer, raw beside refined."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Problem = tuple[Hierarchy, Vec]
 
 
 def bounded(problem: Hierarchy, answer: Vec) -> Hierarchy:
-    """The same under bounds ten times as far as the answer: without an inequality no back end is called."""
+    """Add bounds at ten times the answer: solvers call a back end only for inequalities."""
     far = np.full(answer.size, 10.0 * (1.0 + float(np.abs(answer).max())))
     rows = Rows(Selection(np.arange(answer.size)), -far, far)
     return Hierarchy((rows, *problem.levels), constraints=1, metric=problem.metric, origin=problem.origin)
 
 
 def answers(equation: str, what: str, label: str, tolerance: float, problems: Sequence[Problem]) -> Iterator[Check]:
-    """A row for every solver that wraps a back end: its refined answer, with the raw one beside it in the note.
+    """A row for every solver that wraps a back end: its refined answer, and in the note the raw one.
 
-    A row fails where the back end was not called.
+    A row fails if the solver did not call its back end.
     """
     for name, solver in solver_sets.back_ends().items():
         metric = any(problem.metric is not None for problem, _ in problems)
@@ -40,7 +40,7 @@ def answers(equation: str, what: str, label: str, tolerance: float, problems: Se
             size = float(np.abs(answer).max())
             off.append(float(np.abs(refined.x - answer).max()) / size)
             raw.append(float(np.abs(plain.x - answer).max()) / size)
-            called += plain.stats.iterations > 0 or plain.stats.solve_s > 0.0  # not every back end tells the first
+            called += plain.stats.iterations > 0 or plain.stats.solve_s > 0.0  # some back ends report no iterations
             certified += plain.status.solved
         if called < len(problems):
             off.append(float("nan"))

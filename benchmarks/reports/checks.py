@@ -1,4 +1,4 @@
-"""One row of a report: an equation, what was checked of it, on which robot, and what was measured."""
+"""Row of a report: equation, check, robot, measured value."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SEEN = 100.0
-"""A printed erratum counts as seen to fail when it misses the tolerance by this factor."""
+"""A negative control passes if it misses the tolerance by this factor."""
 
 
 @dataclass(frozen=True)
 class Check:
     """A claim and its measurement.
 
-    measured: the worst value met.  passed: whether the claim holds.  note: what a reader needs to judge it.
+    measured: the worst value.  passed: true if the claim holds.  note: context of the value.
     kind: ``product``, the library against something else; ``identity``, of the paper's formulas among themselves;
     ``negative control``, a mistake or a misprint that must miss the tolerance by far.
     """
@@ -50,14 +50,14 @@ def at_most(
 
 
 def of_kind(checks: Iterable[Check], kind: str) -> list[Check]:
-    """The checks, those that say no kind of their own as of this one."""
+    """Set the kind of checks that have none."""
     return [check if check.kind else dataclasses.replace(check, kind=kind) for check in checks]
 
 
 def exactly(
     equation: str, check: str, robot: str, expected: int, values: Iterable[int], note: str = "", kind: str = ""
 ) -> Check:
-    """Passed if every value is the expected one; the tolerance shown is zero, measured the largest deviation."""
+    """Passed if every value is the expected one; tolerance 0, measured: the largest deviation."""
     measured = worst(float(abs(value - expected)) for value in values)
     text = f"expected {expected}" + (f"; {note}" if note else "")
     return Check(equation, check, robot, 0.0, measured, measured == 0.0, text, kind)
@@ -82,7 +82,7 @@ def worst(values: Iterable[float]) -> float:
 
 
 def write_json(path: Path, rows: Sequence[object]) -> None:
-    """Write a list of dataclasses or plain mappings as JSON; what is not finite becomes null."""
+    """Write a list of dataclasses or plain mappings as JSON; numbers that are not finite become null."""
     path.parent.mkdir(parents=True, exist_ok=True)
     plain = [dataclasses.asdict(row) if dataclasses.is_dataclass(row) else row for row in rows]  # type: ignore[arg-type]
     path.write_text(json.dumps(_finite(plain), indent=1, ensure_ascii=False) + "\n")

@@ -1,4 +1,4 @@
-"""Every element in every formulation, run; and who else has it.
+"""Every element in every formulation, run, and its counterparts in other libraries.
 
 ``python -m benchmarks.reports.elements`` writes the table of docs/elements-compared.md, and docs/elements/in-files.md:
 every element as a file declares it.
@@ -95,7 +95,7 @@ HELD = (
     "TorqueLimits",
     "ForceLimits",
 )
-"""Those that belong into ``subject_to``."""
+"""Elements that belong into ``subject_to``."""
 CONTACTS = (
     "EdgeContact",
     "FixedContact",
@@ -174,7 +174,7 @@ ELSEWHERE: dict[str, tuple[str, str, str, str, str, str]] = {
         "", "TaskAccelerationBounds", "CartesianPositionConstraint, TaskToConstraint",
     ),
 }  # fmt: skip
-"""Class or function of each library by element, of OpenSoT by its public headers."""
+"""Class or function of each library by element; OpenSoT's names are from its public headers."""
 
 
 @cache
@@ -196,7 +196,7 @@ def _ball() -> Robot:
 
 
 def works(name: str, formulation: str) -> bool:
-    """Whether a stack with the element takes three ticks with usable answers; False where it is refused by name."""
+    """Return true if a stack with the element takes three usable ticks, false if an error names the element."""
     robot, elements = _robot(name), EXAMPLES[name]()
     feet = [] if name == "BallLimits" else [t.FixedContact(frame=f, name=f) for f in FEET]
     hard: list[Element] = [*feet]
@@ -222,7 +222,7 @@ def works(name: str, formulation: str) -> bool:
 
 
 def table() -> str:
-    """The table, every cell of ours run."""
+    """Run every cell of hqp and write the table."""
     rows = []
     for name in sorted(t.__all__):
         others = ELSEWHERE.get(name, ("",) * len(LIBRARIES))
@@ -244,7 +244,7 @@ def in_files() -> str:
 
 
 def _wrapped(line: str) -> str:
-    """An array of arrays, one to a line where it is long."""
+    """Wrap a long array of arrays, one to a line."""
     return line if len(line) <= 88 else line.replace("[[", "[\n  [").replace("], [", "],\n  [").replace("]]", "],\n]")
 
 

@@ -1,4 +1,4 @@
-"""What a figure was measured on: the lab's manifest as lines of a report."""
+"""Machine of a measurement: the lab's manifest as lines of a report."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hqp.commands.manifest import manifest
 
 
 def description() -> tuple[tuple[str, str], ...]:
-    """Pairs of what and which, for the head of a report."""
+    """Pairs of name and value for the head of a report."""
     m = manifest()
     machine = m["machine"]
     return (

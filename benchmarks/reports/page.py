@@ -1,4 +1,4 @@
-"""What the main job shows: a bar, a line or two a part as it ends, then failures in full, figures and the report."""
+"""Terminal page of the main job: a bar, a line or two as a part ends, then failures, figures and the report."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Page:
             self._bar.advance(self._whole)
 
     def show(self, outcome: Outcome) -> None:
-        """What came of a part."""
+        """Show the outcome of a part."""
         color = "bold red" if outcome.status else "yellow" if outcome.missed else "green"
         mark = f"[{color}]{outcome.verdict:9}[/]"
         head, *lines = outcome.lines or (outcome.text,)
@@ -59,7 +59,7 @@ class Page:
             self._console.print(f"{'':27}{escape(line)}", soft_wrap=True)
 
     def finish(self, outcomes: Sequence[Outcome], figures: Sequence[Path], path: Path, seconds: float) -> None:
-        """Every failure in full, where the figures are, and the report."""
+        """List every failure in full, the paths of figures, and the report."""
         say = self._console.print
         failures = [(o.part, text) for o in outcomes for text in o.failures]
         if failures:

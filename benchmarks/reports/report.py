@@ -1,4 +1,4 @@
-"""The report in Markdown and what is shown while it grows."""
+"""The report in Markdown, and progress in the terminal."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ console = Console(highlight=False)
 
 
 MISSED = "missed: "
-"""A line of a summary that begins with it is a goal that was missed: no failure, and not passed."""
+"""Prefix of a summary's line of a missed goal, which is neither a failure nor passed."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a part of the main job went: its summary, and what failed of it."""
+    """Outcome of a part of the main job: summary and failures."""
 
     part: str
     text: str
@@ -35,12 +35,12 @@ class Outcome:
 
     @property
     def missed(self) -> int:
-        """How many goals were missed; each has a line of its own."""
+        """Number of missed goals; each has its own line."""
         return sum(line.startswith(MISSED) for line in self.lines)
 
     @property
     def verdict(self) -> str:
-        """``passed`` only without a failure and without a missed goal."""
+        """Verdict in words: ``passed`` only without a failure and without a missed goal."""
         return "FAILED" if self.status else f"{self.missed} missed" if self.missed else "passed"
 
 
@@ -53,7 +53,7 @@ def bar() -> Progress:
 
 
 def conclude(output: Path, part: str, lines: Sequence[str], failures: Sequence[str]) -> int:
-    """Keep a part's summary for the page of the main job; the exit status: 1 where something failed."""
+    """Write a part's summary for the page of the main job; return the exit status, 1 after a failure."""
     path = output / f"{part}.summary.json"
     path.write_text(json.dumps({"lines": list(lines), "failures": list(failures)}, ensure_ascii=False))
     return int(bool(failures))
@@ -69,7 +69,7 @@ def failures_of(checks: Sequence[Check]) -> list[str]:
 
 
 def goals_of(goals: Iterable[Sequence[str]]) -> list[str]:
-    """Goals of speed in a line, and those that were missed; their last cell says which."""
+    """Number of met speed goals in a line, and a line for each missed one."""
     listed = list(goals)
     missed = [f"{MISSED}{what}: {measured}, goal {goal}" for what, goal, measured, said in listed if said != "reached"]
     return [f"{len(listed) - len(missed)} of {len(listed)} goals of speed reached", *missed] if listed else []
@@ -93,14 +93,14 @@ def cells(check: Check) -> tuple[str, ...]:
 
 
 def show(checks: Sequence[Check]) -> None:
-    """Failures in the terminal, and the count; every row is in the report."""
+    """Print failures and the count; the report holds every row."""
     for text in failures_of(checks):
         console.print(f"FAIL {text}", style="bold red", markup=False, soft_wrap=True)
     console.print(tally(checks))
 
 
 def tally(checks: Sequence[Check]) -> str:
-    """How many checks passed."""
+    """Count the passed checks, in words."""
     failed = sum(not check.passed for check in checks)
     kinds = Counter(check.kind for check in checks)
     told = f" ({', '.join(f'{count} {kind}' for kind, count in kinds.items())})" if any(kinds) else ""
@@ -108,7 +108,7 @@ def tally(checks: Sequence[Check]) -> str:
 
 
 def section(output: Path, part: str, *paragraphs: str) -> None:
-    """Write the section of a part, to be gathered by ``write``."""
+    """Write the section of a part, which ``write`` gathers."""
     output.mkdir(parents=True, exist_ok=True)
     (output / f"{part}.md").write_text("\n\n".join(p.strip("\n") for p in paragraphs) + "\n")
 
@@ -142,7 +142,7 @@ def write(output: Path, outcomes: Sequence[Outcome], quick: bool) -> Path:
 
 
 def outcome(output: Path, part: str, text: str, status: int, seconds: float) -> Outcome:
-    """What a part left behind; one that failed without saying why has that as its failure."""
+    """Read the outcome of a part; a bad status without a reason is itself the failure."""
     path = output / f"{part}.summary.json"
     told = json.loads(path.read_text()) if path.is_file() else {"lines": [], "failures": []}
     failures = tuple(told["failures"]) or ((f"ended with status {status} (in full: {part}.log)",) if status else ())
