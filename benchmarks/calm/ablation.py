@@ -1,4 +1,4 @@
-"""Numbers of the law: each with another value, and a scene that is worse then."""
+"""Numbers of the law: each with another value, and a scene that becomes worse."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Scene = Callable[[Variant], float]
 
 @dataclass(frozen=True)
 class WithEta(Solver):
-    """A solver that is given another eta."""
+    """Solver with another eta."""
 
     solver: Solver
     eta: float
@@ -38,7 +38,7 @@ class WithEta(Solver):
     priced: ClassVar[bool] = True
 
     def workspace(self, shape: Shape) -> Workspace:
-        """That of the solver."""
+        """Create the workspace of the wrapped solver."""
         return _Work(self.solver.workspace(shape), self.eta)
 
 
@@ -47,7 +47,7 @@ class _Work:
         self.work, self.eta = work, eta
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The same problem with the other eta."""
+        """Solve the problem with the other eta."""
         return self.work.solve(replace(problem, eta=self.eta))
 
     def reset(self) -> None:
@@ -91,7 +91,7 @@ def of_seed(seed: int, figure: str, variant: Variant) -> float:
 
 
 def lost(names: Sequence[str], count: int, variant: Variant) -> float:
-    """How many goals exact levels reach and priced ones do not in time."""
+    """Number of goals that exact levels reach and priced levels do not reach in time."""
     found = [r for name in names for r in arrival.measure(name, range(count), variant)]
     return float(sum(r["exact"] < math.inf <= r["priced"] for r in found))
 
@@ -102,7 +102,7 @@ def steepest(family: str, variant: Variant) -> float:
 
 
 def wrong(variant: Variant) -> float:
-    """How many of the problems of tests.scenes.priced end in a loop sure of an answer that the certificate refuses."""
+    """Number of problems of tests.scenes.priced whose loop ends, without doubt, at an answer without certificate."""
     found = (in_a_loop(_made(variant), *named) for named in (*((*one, True) for one in FOUND), *OF_A_LOOP))
     return float(sum(
         not is_unsure(answer) and not certificate(case, answer.x, 1e-8, answer.stage_points).ok
@@ -111,12 +111,12 @@ def wrong(variant: Variant) -> float:
 
 
 def unsure(variant: Variant) -> float:
-    """How many of 80 problems around a vertex, a third of them at zero, end in a loop unsure of their answers."""
+    """Number of doubtful ends of loops over 80 problems around a vertex, a third of them at zero."""
     return float(sum(is_unsure(in_a_loop(_made(variant), "vertex", seed, False)[1]) for seed in range(80)))
 
 
 def unsure_steps(_: Variant) -> float:
-    """How many of 1000 ticks of CBi's walk at 0.2 m/s, torques in MuJoCo, are unsure of their answers."""
+    """Number of doubtful ticks among 1000 of CBi's walk at 0.2 m/s, torques in MuJoCo."""
     from hqp.walking import Walker
     from hqp.walking.course import Course
 
@@ -127,7 +127,7 @@ def unsure_steps(_: Variant) -> float:
 
 
 def apart(name: str, ticks: int, variant: Variant) -> float:
-    """By how much an answer at the edge of friction cones depends on the ticks before it."""
+    """Dependence of an answer at the edge of friction cones on the ticks before it."""
     session, given = stacks.scene(name, "torque")
     q, v, found = session.robot.home.copy(), np.zeros(session.robot.nv), 0.0
     for i in range(ticks):
@@ -142,14 +142,14 @@ def _made(variant: Variant) -> Solver:
 
 
 def left(name: str, variant: Variant) -> float:
-    """Distance over the least after 20 s [mm]."""
+    """Excess over the least distance after 20 s [mm]."""
     (found, *_) = distance.measure([name], variant)
     return 1e3 * float(found["off"] - found["least"])
 
 
 @dataclass(frozen=True)
 class Ablation:
-    """Another value of a number and the scene that shows it, whose figure is better the smaller it is."""
+    """Another value of a number and a scene that shows the difference; a smaller figure is better."""
 
     number: str
     other: str
@@ -217,11 +217,11 @@ ABLATIONS: tuple[Ablation, ...] = (
         partial(apart, "g1", 50), {"hqp.solvers.stages.ACTIVITY_TOLERANCE": 0.0},
     ),
 )  # fmt: skip
-"""What may be changed one by one: ``change`` of constants, ``eta`` of the problem."""
+"""Changes one by one: constants in ``change``, or the problem's ``eta``."""
 
 
 def measure(solver: str = "") -> Iterator[Record]:
-    """The figure as the law is, and with the other value."""
+    """Measure each figure with the law's value and with the other one."""
     given = solver_of(solver or "lexicographic")
     made = hqp.solvers.load(given) if isinstance(given, str) else given
     for one in ABLATIONS:

@@ -1,4 +1,4 @@
-"""Closed loops that try to make a controller restless, and goals that it must not lose.
+"""Closed loops that provoke restless commands, and goals that the controller must still reach.
 
 Targets out of reach, at the edge, blocked, contradictory, nearly lost: exact and priced levels side by side.
 """
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run, show, write; returns 1 if priced levels break a promise; goals of calm that are missed are told."""
+    """Run, show, write; returns 1 if priced levels break a promise; missed goals of calm are reported."""
     sections: dict[str, str] = {}
     records, missed, broken = {}, list[str](), list[str]()
     for name in arguments.parts or (QUICK if arguments.quick else PARTS):

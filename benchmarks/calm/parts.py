@@ -1,4 +1,4 @@
-"""The parts of the calm command: what each measures, as text, records and what fell short."""
+"""Parts of the calm command: text, records, and missed goals of each."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Part:
-    """A section of the page: its title, an introduction, and what measures it."""
+    """Section of the page: title, introduction, measuring function."""
 
     title: str
     introduction: str
@@ -51,12 +51,12 @@ class Part:
 
 
 def variants(arguments: argparse.Namespace) -> list[Variant]:
-    """The variants asked for; the priced ones with the solver that was asked for."""
+    """Select the variants of the command line; priced ones run with its solver."""
     return [_with(VARIANTS[name], arguments.solver) for name in arguments.variants]
 
 
 def priced(arguments: argparse.Namespace) -> Variant:
-    """Default prices with the solver that was asked for."""
+    """Variant with default prices and the command line's solver."""
     return _with(VARIANTS["priced"], arguments.solver)
 
 
@@ -89,7 +89,7 @@ def _scene(robot: str, formulation: str, name: str, arguments: argparse.Namespac
             "robot": robot, "formulation": formulation, "scene": name, "variant": variant.name, **figures(data)
         }  # fmt: skip
         record["misses"] = list(goals.misses(formulation, record))
-        if scene.within and variant.name == "priced":  # what the price alone costs
+        if scene.within and variant.name == "priced":  # the cost of the price alone
             alone = carry_out(scenes(robot, formulation, EXACT_LIMITED.limits)[name](), EXACT_LIMITED, arguments.ticks)
             same = figures(alone)
             record["ratio"] = float(record["error"]) / max(float(same["error"]), 1e-12)
@@ -141,7 +141,7 @@ def drawn_loops(arguments: argparse.Namespace) -> Outcome:
 
 
 def disturbed_loops(arguments: argparse.Namespace) -> Outcome:
-    """The same at 50 and 100 Hz, and with disturbed references."""
+    """Drawn loops at 50 and 100 Hz, and with disturbed references."""
     seeds = range(arguments.seed, arguments.seed + arguments.drawn)
     draws = {kind: partial(references.disturbed, kind) for kind in references.DISTURBED}
     draws |= {f"{1.0 / dt:.0f} Hz": partial(references.slow, dt) for dt in (0.01, 0.02)}
@@ -178,7 +178,7 @@ def straight_arms(arguments: argparse.Namespace) -> Outcome:
 
 
 def distances(arguments: argparse.Namespace) -> Outcome:
-    """How near a hand gets."""
+    """Least distances of a hand to its target."""
     names = [name for name in distance.AHEAD if not arguments.robots or name in arguments.robots]
     records = list(distance.measure(names, priced(arguments)))
     return Outcome(distance.table(records), records, list(distance.misses(records)))

@@ -1,4 +1,4 @@
-"""CBi under position servos in MuJoCo, its hand asked for one metre more than it can reach."""
+"""CBi under position servos in MuJoCo, target of the hand 1 m beyond reach."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.scenes.calm.scenes import DT, FORMULATIONS, default_stack, reach
 from tests.scenes.calm.variants import Variant
 
 COM = 0.01
-"""Most that the CoM may be off [m]."""
+"""Largest allowed CoM error [m]."""
 
 
 def reaching(variant: Variant, seconds: float = 5.0) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Tables of closed loops; what misses its goal is bold."""
+"""Tables of closed loops; missed goals are bold."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Record = dict[str, Any]
 
 
 def table(records: Iterable[Record], formulation: str) -> str:
-    """A row for each robot, scene and variant; what misses its goal is bold."""
+    """A row for each robot, scene and variant; missed goals are bold."""
     header = (
         "robot", "scene", "variant", "largest change a tick", "reversals/s", "acceleration p50 / p99", "error [mm]",
         "levels above", "feet, CoM [mm]", "tick p50 / p99 [us]", "not OPTIMAL",

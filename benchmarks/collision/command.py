@@ -1,4 +1,4 @@
-"""Collision avoidance: hands that are blocked, exactly integrated and in MuJoCo, and what pairs cost in time."""
+"""Collision avoidance: blocked hands, exactly integrated and in MuJoCo, and the CPU time of pairs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MARGIN = -5e-4
 """Least distance less clearance that a scene may have [m]."""
 
 MARK = "<!-- tables: python -m benchmarks collision --page docs/results/collision.md -->"
-"""Of the page, before what is written by this command."""
+"""Mark in the page before the generated tables."""
 
 Record = dict[str, Any]
 

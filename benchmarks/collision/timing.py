@@ -1,4 +1,4 @@
-"""What collision avoidance adds to a tick: none, 50, 200 and all pairs of Talos, turn by turn in one run."""
+"""Time that collision avoidance adds to a tick: 0, 50, 200 and all pairs of Talos, turn by turn in one run."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ from hqp.tasks.collision_scene import scene
 from tests.scenes.calm.scenes import DT
 
 PAIRS = (0, 50, 200, 10_000)
-"""Pairs asked for; all there are for the last."""
+"""Requested numbers of pairs; the last requests all."""
 ADDED_US = {50: 8.0, 200: 15.0, 10_000: 25.0}
-"""What they may add to a tick [us]."""
+"""Goals of the added time of a tick by number of pairs [us]."""
 
 
 @dataclass(frozen=True)
 class Added:
-    """pairs, rows: of the element.  near: most pairs near at once.  p10, p50: of a tick [us]; added: to one without."""
+    """Added time of a number of pairs.
+
+    pairs, rows: numbers of the element.  near: most pairs near at once.  p10, p50: percentiles of a tick [us].
+    added: median of a tick minus that without collision avoidance [us].
+    """
 
     pairs: int
     rows: int

@@ -33,18 +33,18 @@ CASES = {
     "Panda, without collisions": ("panda", ("panda_hand_tcp",), {}, True),
     "G1, without collisions": ("g1", WRISTS, {}, True),
 }
-"""Robot, frames, joints that start at a limit, and whether links must keep apart."""
+"""Robot, frames, joints that start at a limit, and true if links must keep apart."""
 APART = CollisionAvoidance(clearance=1e-3, influence=0.05)
 WITHIN = 1e-3
-"""Of a pose that is reached [m], [rad]."""
+"""Largest error of a reached pose [m], [rad]."""
 LEAST = 0.995
-"""Share of poses that have to be reached."""
+"""Least share of poses reached."""
 RIVALS = {
     "roboplan": ("roboplan==0.7.0", "pin"),
     "optik": ("optik-py==0.5.0", "numpy"),
     "trac_ik": ("pytracik==0.0.3", "numpy<2"),
 }
-"""What is installed for each, into an environment of its own; all but roboplan solve for one frame."""
+"""Packages of each library's own environment; all but roboplan solve for one frame."""
 PAGE = Path(__file__).parents[2] / "docs" / "results" / "inverse-kinematics.md"
 MARK = "<!-- table: python -m benchmarks reach --rivals roboplan optik trac_ik --page -->"
 """Marks the table of the page."""
@@ -52,7 +52,7 @@ MARK = "<!-- table: python -m benchmarks reach --rivals roboplan optik trac_ik -
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one case: how many poses were reached, of these from the first start, and times of all [s]."""
+    """Outcome of one case: poses reached, poses reached from the first start, times of all poses [s]."""
 
     reached: int
     first: int
@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, show, write; returns 1 where too few poses are reached."""
+    """Measure, show, write; returns 1 if too few poses are reached."""
     count = 50 if arguments.quick else arguments.count
     header = ["robot", "reached", "from the first start", "median, mean", *arguments.rivals]
     rows, failed = [], False
@@ -120,7 +120,7 @@ def reachable(robot: Any, frames: tuple[str, ...], count: int) -> Mat:
 
 
 def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat, apart: bool) -> Outcome:
-    """Each pose by ``hqp.reach`` with its defaults; the first call of a stack, which compiles it, does not count."""
+    """Reach each pose by ``hqp.reach`` with its defaults; leave out a stack's first call, which compiles it."""
     hands = [Pose(frame=f) for f in frames]
     stack = Stack(Level(*hands), subject_to=[APART] if apart else ())
     hqp.reach(stack, robot, *(h.at(p) for h, p in zip(hands, poses[0], strict=True)), q0=start)
@@ -138,7 +138,7 @@ def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat, apart:
 
 
 def there(robot: Any, frames: tuple[str, ...], q: Vec, goal: Mat) -> bool:
-    """Whether frames are at their poses, and joints inside their limits."""
+    """Return true if frames are at their poses and joints inside their limits."""
     state = robot.state(np.asarray(q, dtype=np.float64))
     if np.any(state.angles < robot.lower - 1e-9) or np.any(state.angles > robot.upper + 1e-9):
         return False
@@ -150,12 +150,12 @@ def there(robot: Any, frames: tuple[str, ...], q: Vec, goal: Mat) -> bool:
 
 
 def best(found: list[Outcome]) -> Outcome:
-    """Of several rounds the one with the least median."""
+    """Select the round with the least median."""
     return min(found, key=lambda outcome: float(np.median(outcome.times)))
 
 
 def beside(rival: str, robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> Outcome:
-    """The same poses by another library; raises HqpError where it does not run."""
+    """Reach the poses by another library; raises HqpError if it does not run."""
     python = environment(rival, report.console.print, RIVALS)
     script = Path(__file__).parent / "workers" / f"with_{rival}.py"
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}

@@ -76,7 +76,7 @@ def _rows(name: str, clip: str, motion: Motion, rival: bool, physics: bool) -> I
 
 
 def _solved(tracker: Tracker, motion: Motion, parts: dict[str, str], rival: bool) -> Iterator[tuple[str, Any, float]]:
-    """Who solved the clip, its configurations, and CPU time [s]."""
+    """Solve the clip: name of the method, configurations, CPU time [s]."""
     begin = time.process_time()
     q = smoothed(tracker, solved(tracker)).q
     yield "hqp", q, time.process_time() - begin

@@ -13,10 +13,10 @@ import numpy as np
 from hqp.motion import Motion, read_motion
 
 CLIMB_RATE = 120.0
-"""Of the climbs, whose files do not say [1/s]."""
+"""Frame rate of the climbs, which is not in their files [1/s]."""
 
 BOX_RATE, BOX_NUMBERS, BOX_JOINTS = 30.0, 591, slice(162, 318)
-"""Of the boxes: frames a second, float32 numbers a frame, and which of them are places of joints."""
+"""Files of the boxes: frames per second, float32 numbers per frame, slice of the joints' places."""
 
 
 def climbs(wheel: Path) -> Iterator[tuple[str, Motion]]:
@@ -29,7 +29,7 @@ def climbs(wheel: Path) -> Iterator[tuple[str, Motion]]:
 
 
 def boxes(wheel: Path) -> Iterator[tuple[str, Motion]]:
-    """Names and motions of the people who lift and carry a box; the archives of tensors are read as what they hold."""
+    """Names and motions of the people who lift and carry a box, from the raw bytes of the archives of tensors."""
     folder = wheel / "holosoma_retargeting"
     names = _names(folder, "SMPLH_DEMO_JOINTS")
     for path in sorted((folder / "demo_data" / "OMOMO_new").glob("*.pt")):

@@ -1,4 +1,4 @@
-"""A clip in MuJoCo, tracked by one torque controller with the walker's gains: how long until the robot falls."""
+"""A clip in MuJoCo, tracked by one torque controller with the walker's gains: time until the robot falls."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ DT = 0.002
 FRICTION = 0.8
 
 ASTRAY = 0.25
-"""A robot whose centre of mass is so far from where the clip has it has fallen [m]."""
+"""Distance of the CoM from the clip's beyond which the robot counts as fallen [m]."""
 
 OUTSIDE = 0.01
-"""[m]."""
+"""Distance of a ZMP from the soles beyond which ``Fate.beyond`` counts its frame [m]."""
 
 RAISED = 0.02
-"""A foot that rests higher than this stands on a plate of its own [m]."""
+"""Height of a resting foot above which the scene puts a plate under it [m]."""
 
 PLATE = 0.15, 0.12, 0.01
 """Half its length, width and thickness [m]."""
 
 SINK = 0.2
-"""A foot that should stand and bears nothing goes down so fast [m/s]."""
+"""Downward speed of a foot that should stand but bears no load [m/s]."""
 
 
 @dataclass(frozen=True)
 class Fate:
-    """What became of a clip: seconds until the fall, of how many; share of the ticks with a usable command.
+    """Outcome of a clip: time until the fall and its length [s]; share of ticks with a usable command.
 
     beyond: share of the clip's frames with a foot on the ground whose ZMP is more than ``OUTSIDE`` off the soles.
     """
@@ -56,7 +56,7 @@ class Fate:
 
 
 def plates(targets: Targets) -> list[Any]:
-    """Where feet rest above the floor: middle and height of each ``(3,)`` [m]."""
+    """Centre of each place at which feet rest above the floor ``(3,)`` [m]."""
     found = []
     for side in SIDES:
         ground, place = targets.contacts.ground[f"{side}_foot"], targets.places[f"{side}_sole"]
@@ -106,7 +106,7 @@ class Tracking:
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, friction=friction)
 
     def run(self) -> Fate:
-        """To the end of the clip, or to the fall."""
+        """Simulate to the end of the clip or to the fall."""
         end, usable, ticks = (len(self.q) - 2) / self.fps, 0, 0
         steps = round(DT / self.plant.timestep)
         while self.plant.time < end:
@@ -120,7 +120,7 @@ class Tracking:
         return Fate(self.plant.time, end, usable / max(ticks, 1), self._beyond())
 
     def _beyond(self) -> float:
-        """Share of frames whose own ZMP no foot on the ground can make."""
+        """Share of frames whose ZMP lies outside the feet on the ground."""
         off = []
         for i, at in enumerate(self.q):
             down = [bool(rests[i]) for rests in self.rests]
@@ -170,7 +170,7 @@ class Tracking:
         return self.session.step(state, *found, phase=self.phase)
 
     def _stand(self, i: int, loads: Any) -> None:
-        """Which feet stand: those that the clip has on the ground, from when they bear load on."""
+        """Set the standing feet: those of the clip's contacts from the time they bear load."""
         for side in (0, 1):
             asked = bool(self.rests[side][i])
             touched = self.down[side] or float(loads[side]) > -TOUCH * self.robot.mass * self.robot.gravity[2]
@@ -184,7 +184,7 @@ class Tracking:
             self.phase = self.feet[self.down.index(True)].name
 
     def _shared(self, i: int, state: Any, zmp: Any) -> float:
-        """Share of the right foot: by where the ZMP is between the feet, nothing for a foot that is about to lift."""
+        """Load share of the right foot by the ZMP's place between the feet; zero for a foot that is about to lift."""
         one, other = (foot.placed(state).xy for foot in self.feet)
         between = other - one
         share = min(max(float((zmp - one) @ between / max(between @ between, 1e-9)), 0.0), 1.0)
@@ -198,5 +198,5 @@ class Tracking:
 
 
 def fate(robot: Any, targets: Targets, q: Any) -> Fate:
-    """Of a clip q ``(T, nq)`` whose contacts and places are those of the targets."""
+    """Simulate a clip q ``(T, nq)`` with the contacts and places of the targets."""
     return Tracking(robot, targets, q).run()

@@ -20,7 +20,7 @@ SETTLING = 60
 
 
 def follow(robot: Any, stacks: Stacks, targets: Targets, *, latched: bool) -> tuple[Any, float]:
-    """Configurations ``(T, nq)`` of hqp's robot, and CPU time [s].  latched: whether the feet's targets stand still."""
+    """Configurations ``(T, nq)`` of hqp's robot, and CPU time [s].  latched: hold the targets of standing feet."""
     frames = stacks.frames
     model = compiled(urdf(robot, frames.values()))
     model.opt.timestep = 1.0 / targets.fps

@@ -30,12 +30,7 @@ SPARE = 5
 
 CEILINGS = {
     "CHANGELOG.md": (30, 55, 15, 55),
-    "benchmarks": (125, 100, 15, 80),
-    "benchmarks/calm": (175, 90, 15, 75),
-    "benchmarks/lab": (110, 100, 15, 50),
     "benchmarks/mistry2008": (70, 80, 35, 10),
-    "benchmarks/reports": (155, 120, 15, 10),
-    "benchmarks/retargeting": (150, 20, 15, 10),
     "benchmarks/sentis2012": (95, 105, 60, 55),
     "benchmarks/speed": (70, 20, 15, 10),
     "benchmarks/walking": (115, 105, 80, 105),
