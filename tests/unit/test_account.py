@@ -1,4 +1,4 @@
-"""Every cause that an account may name, provoked; accounts of the kernel beside explanations; what a price holds."""
+"""Accounts: provoke each cause, compare the kernel's account with the explanation, measure the effect of a price."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def both(tick: hqp.Tick, element: str) -> tuple[str, str]:
 
 @pytest.mark.parametrize(("times", "met"), [(0.99, True), (1.01, False)])
 def test_a_residual_is_zero_to_all_or_to_none(times: float, met: bool) -> None:
-    """The account, its notes, the explanation and the viewer's view of one row at the border of ZERO_RESIDUAL."""
+    """Compare account, notes, explanation and viewer of one row near ZERO_RESIDUAL."""
     asked = 1e-6
     residual = times * ZERO_RESIDUAL * (1.0 + asked)
     layout = Layout(("hand",), (0,), (False,), 1, np.ones(1))
@@ -114,12 +114,12 @@ def test_an_arm_out_of_reach_is_held_back_by_its_price() -> None:
 def test_a_humanoid_out_of_reach_says_what_was_asked_and_given() -> None:
     robot, run, hand = humanoid("g1", hqp.Velocity())
     tick = drive(robot, run, hand, [1.0, 0.0, 0.2], 300)
-    assert {"hand"} == {note.element for note in tick.notes}  # lower levels that nobody asked for are not noted
+    assert {"hand"} == {note.element for note in tick.notes}  # lower levels without a reference get no note
     assert "short along" in tick.notes[0].detail
 
 
 def test_notes_may_be_read_later() -> None:
-    """Their texts are made when they are read, from the numbers of their own tick."""
+    """Notes compute their texts when they are read, from the numbers of their own tick."""
     read, later = [], []
     for at_once in (True, False):
         robot, run, hand = humanoid("g1", hqp.Velocity())
@@ -139,7 +139,7 @@ def test_notes_may_be_read_later() -> None:
 
 
 def test_worth_is_the_slope_of_what_is_not_met() -> None:
-    """c_k ||y_k|| against the residual for a little less price, at the optimum of the stage."""
+    """Compare c_k ||y_k|| with the change of the residual at a slightly lower price, at the optimum of the stage."""
     robot, run, hand = arm()
     tick = drive(robot, run, hand, [1.5, 0.0, 0.2], 1500)
     problem = run.problem.copy()
@@ -206,7 +206,7 @@ def test_a_limit_is_named_with_joint_and_side(price: Any) -> None:
 
 
 def test_a_push_is_measured_by_the_most_that_it_could_be() -> None:
-    """||A'w|| beside ||A|| ||w|| of each element that is not met, for dense rows and for weighed single joints."""
+    """Compare ||A'w|| with ||A|| ||w|| for each unmet element, with dense rows and with weighted single joints."""
     robot, _, hand = arm()
     stack = Stack(Level(hand), Level(Posture(weight=3.0)), subject_to=[JointLimits()])
     run = hqp.Controller(stack, deadline=math.inf).session(robot, DT)
@@ -236,7 +236,7 @@ def test_fights_inside_a_level() -> None:
 
 def test_out_of_reach_is_no_levels_fault() -> None:
     robot = hqp.robots.load("ur5")
-    base = Position(frame=robot.frame_names[0], name="base", law=P(5.0))  # which no joint moves
+    base = Position(frame=robot.frame_names[0], name="base", law=P(5.0))  # no joint moves it
     run = hqp.Controller(Stack(Level(base), Level(Posture())), price=0, deadline=math.inf).session(robot, DT)
     state = robot.state()
     tick = run.step(state, base.at(state.position(base.frame) + 0.1))
@@ -266,7 +266,7 @@ def test_a_reference_that_is_too_fast_says_so(formulation: Any) -> None:
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 @pytest.mark.parametrize("price", [None, 0])
 def test_the_kernels_shares_are_those_of_the_certificate(formulation: Any, price: Any) -> None:
-    """On arms, where the rows above a level are well apart, so that their multipliers are unique."""
+    """Use arms, because their multipliers are unique: the rows above a level are well separated."""
     from hqp.explanation.multipliers import explain
 
     compared = 0
@@ -276,7 +276,7 @@ def test_the_kernels_shares_are_those_of_the_certificate(formulation: Any, price
             Position(frame=robot.frame_names[-1], name="hand"),
             Position(frame=robot.frame_names[-8], name="elbow"),
         )
-        limits = [] if price == 0 else [JointLimits()]  # many limits at a vertex share a push in more ways than one
+        limits = [] if price == 0 else [JointLimits()]  # at a vertex, many limits can share a push in several ways
         stack = Stack(Level(hand), Level(elbow), Level(Posture()), subject_to=limits)
         run = hqp.Controller(stack, formulation, price=price, deadline=math.inf).session(robot, DT)
         rng = np.random.default_rng(1)
@@ -315,7 +315,7 @@ def test_other_solvers_account_through_an_explanation() -> None:
 
 
 def test_an_answer_that_was_cut_short_after_stages_has_an_account() -> None:
-    """The multipliers of the tick before, which were more, were taken for its own: explain() raised ValueError."""
+    """explain() raised ValueError: it read the longer list of multipliers of the previous tick."""
     robot, run, hand = humanoid("talos", hqp.Velocity())
     start, rng, cut = robot.state().position(hand.frame), np.random.default_rng(0), 0
     for k in range(21):
@@ -339,7 +339,7 @@ def test_an_unknown_name_is_told_with_the_closest() -> None:
 
 
 def test_accounts_can_be_kept_and_cost_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are the kernel's own: no explanation, which solves anew, is asked for."""
+    """Accounts come from the kernel, without the second solve of an explanation."""
     monkeypatch.setattr(Teller, "explain", None)
     robot, run, hand = humanoid("talos", hqp.Velocity())
     state = robot.state()
@@ -348,7 +348,7 @@ def test_accounts_can_be_kept_and_cost_little(monkeypatch: pytest.MonkeyPatch) -
     history = [run.step(robot.state(), goal).account() for _ in range(50)]
     assert len({account.count for account in history}) == 50
     asked = [account.asked[account.elements.index("hand")] for account in history]
-    assert max(asked) == pytest.approx(min(asked))  # what was kept is not overwritten by later ticks
+    assert max(asked) == pytest.approx(min(asked))  # later ticks do not overwrite kept accounts
     first = run.step(robot.state())
     run.step(robot.state())
     with pytest.raises(HqpError, match="latest"):
@@ -373,7 +373,7 @@ def test_contacts_in_conflict_have_an_account_too() -> None:
 
 
 def test_accounts_leave_no_memory_behind() -> None:
-    """A workspace that once held a view of its own multipliers was never freed, 0.1 to 1 MB each."""
+    """A workspace with a view of its own multipliers was never freed: 0.1 to 1 MB each."""
     import gc
 
     if not Path("/proc/self/statm").exists():
@@ -400,7 +400,7 @@ def test_accounts_leave_no_memory_behind() -> None:
 
 @pytest.mark.parametrize("native", [True, False], ids=["native", "general"])
 def test_a_tick_from_rest_names_the_acceleration(native: bool) -> None:
-    """Feet and CoM push back, too, but leave a way: without the window the hand would have what it asks for."""
+    """Without the acceleration window the hand would reach its reference, although feet and CoM push back as well."""
     robot = hqp.robots.load("g1")
     feet = [FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
     hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0), name="hand")
@@ -413,7 +413,7 @@ def test_a_tick_from_rest_names_the_acceleration(native: bool) -> None:
     assert both(tick, "hand") == ("limit", "limit")
     loss = next(loss for loss in tick.explain()["hand"].losses if loss.element == "joint_limits")
     assert loss.binds
-    assert loss.share < 0.5  # by shares the CoM comes first
+    assert loss.share < 0.5  # the CoM has the largest share
     assert loss.rows
     assert all(row.endswith(" acceleration") for row in loss.rows)
     assert "held by joint_limits" in str(tick.explain())

@@ -1,4 +1,4 @@
-"""Ticks of arrays: the same as ``step`` with a State and References, to the bit, in fewer calls."""
+"""Ticks of arrays match ``step`` with a State and References to the bit, in fewer calls."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ HAND = Pose(frame="tool0", name="hand")
 
 @dataclass(frozen=True, kw_only=True)
 class Raised(Position):
-    """A task of the user's that makes more of its target."""
+    """User task that changes its target."""
 
     def at(self, value: Any = None, **given: Any) -> Any:
         return super().at(np.asarray(value) + [0.0, 0.0, 0.1], **given)
 
 
 def arm(formulation: Any = None, *levels: Level) -> tuple[hqp.Session, hqp.Session]:
-    """Two sessions on robots of their own."""
+    """Two sessions, each on its own robot."""
     limit = TorqueLimits() if isinstance(formulation, hqp.Torque) else JointLimits()
     stack = Stack(*(levels or (Level(HAND),)), Level(Posture()), subject_to=[limit])
     controller = hqp.Controller(stack, formulation or hqp.Velocity(), deadline=np.inf)
@@ -39,7 +39,7 @@ def arm(formulation: Any = None, *levels: Level) -> tuple[hqp.Session, hqp.Sessi
 
 
 def both(pair: tuple[hqp.Session, hqp.Session], q: Any, v: Any, targets: dict[str, Any]) -> tuple[Any, Any]:
-    """A tick of arrays and one of a state and references."""
+    """Run one tick of arrays and one of a state and references."""
     arrays, objects = pair
     state = objects.robot.state(q, v)
     given = [objects.stack.find(name).at(value) for name, value in targets.items()]
@@ -76,7 +76,7 @@ def test_bits_are_those_of_step(formulation: Any, size: float) -> None:
         for a, b in zip(moved, expected, strict=True):
             np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-14)
         q, v = moved
-    assert native >= 58  # a look for tasks that are stuck asks for the state
+    assert native >= 58  # the check for stuck tasks needs the state
 
 
 def test_a_humanoid() -> None:
@@ -128,7 +128,7 @@ def test_what_is_out_of_the_ordinary_is_told_as_by_step() -> None:
 
 
 def test_the_callers_arrays_are_read_and_no_more() -> None:
-    """Neither what is held nor what a tick tells changes with them."""
+    """A later change of the caller's arrays alters neither held references nor finished ticks."""
     pair = arm()
     q, pose = pair[0].robot.home.copy(), circle(pair[0].robot, 0.3)
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""No command changes faster in a transition than it may, on robots of other shapes than those of test_change.py."""
+"""Rates of change of commands in a transition are bounded, on robots with other shapes than those of test_change.py."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hqp.loop.tick import Tick
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 
 LEVELS = ("velocity", "acceleration", "torque")
-ROBOTS = {  # frames of its contacts, of a hand, of its trunk
+ROBOTS = {  # frames of contacts, hand, trunk
     "simple_humanoid": (("l_ankle", "r_ankle"), "r_wrist", "BODY"),
     "b1-z1": (("FL_foot", "FR_foot", "RL_foot", "RR_foot"), "gripperMover", "trunk"),
     "romeo": (("l_sole", "r_sole"), "r_wrist", "base_link"),
@@ -32,7 +32,7 @@ load = cache(hqp.robots.load)
 
 @dataclass
 class Made:
-    """What can be asked of a robot."""
+    """Robot with the tasks and constraints that a test picks from."""
 
     robot: Any
     tasks: list[Any]
@@ -54,7 +54,7 @@ def made(name: str, level: str) -> Made:
 
 
 class Run:
-    """A closed loop on the exact integrator."""
+    """Closed loop on the exact integrator."""
 
     def __init__(self, name: str, level: str, first: Any, dt: float, **options: Any) -> None:
         self.made, self.level, self.dt = made(name, level), level, dt
@@ -67,7 +67,7 @@ class Run:
         self.ticks: list[Tick] = []
 
     def go(self, ticks: int, *, given: Any = None) -> Tick:
-        """Ticks with a reference for every task that is in the stack, or only for the given ones."""
+        """Run ticks with a reference for every task of the stack, or for the given ones only."""
         for _ in range(ticks):
             stack = self.session.stack
             names = [t.name for t in self.made.tasks if t.name in stack] if given is None else given
@@ -77,7 +77,7 @@ class Run:
         return self.ticks[-1]
 
     def change(self, picks: Any, over: float, longest: int = 3000) -> float:
-        """A transition to its end; the largest change of a command in a tick of it, in allowed ones."""
+        """Run a transition to its end; return the largest change of a command per tick in units of the limit."""
         begin = len(self.ticks)
         self.session.change(self.made.stack(*picks), over)
         while self.go(1).transition < 1.0:
@@ -89,7 +89,7 @@ class Run:
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("name", ["simple_humanoid", "b1-z1"])
 def test_a_task_that_leaves_and_is_no_longer_named_does_not_jump(name: str, level: str) -> None:
-    """It fell back to where it had started: 0.1 rad/s, 19.9 rad/s^2 and 102 N m in one tick."""
+    """The task fell back to its start: 0.1 rad/s, 19.9 rad/s^2 and 102 N m in one tick."""
     run = Run(name, level, (0, 1, 3), 0.002)
     run.goals["hand"] += [0.08, 0.05, -0.06]
     run.go(250)
@@ -114,7 +114,7 @@ def drawn(seed: int) -> tuple[Run, Any, float]:
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_an_element_that_is_no_longer_named_keeps_its_last_reference(level: str) -> None:
-    """As if it were still named; a second change before the end of the first forgets nothing."""
+    """Keep the last reference, also if a second change begins before the first one ends."""
     sent = []
     for given in (["com", "hand", "trunk"], ["com", "trunk"]):
         run = Run("simple_humanoid", level, (0, 1, 3), 0.002)

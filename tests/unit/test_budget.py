@@ -1,4 +1,4 @@
-"""The time of a tick: what a solver is given follows how late ticks end."""
+"""Time budget of a tick: the solver's share follows the measured lateness of ticks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_margin_follows_how_late_ticks_end() -> None:
     assert each.left(1e-4) == pytest.approx((1.0 - FIRST) * 1e-3 - 1e-4)
     for _ in range(40_000):
         each.begin(clock)
-        clock += each.left(1e-4) + 1e-4 + rng.exponential(5e-5)  # what comes after the solver
+        clock += each.left(1e-4) + 1e-4 + rng.exponential(5e-5)  # work after the solver
         late.append(clock)
         each.end(clock, True)
     ends = np.diff([0.0, *late])
@@ -40,7 +40,7 @@ def test_the_margin_follows_how_late_ticks_end() -> None:
 def test_the_margin_has_its_limits() -> None:
     clock = 0.0
     each = Budget(1e-3)
-    each.end(clock, True)  # of no tick that began
+    each.end(clock, True)  # no tick has begun
     assert each.margin == FIRST * 1e-3
     for _ in range(100):
         each.begin(clock)
@@ -48,12 +48,12 @@ def test_the_margin_has_its_limits() -> None:
         each.end(clock, True)
     assert each.margin == LONGEST * 1e-3
     each.begin(clock)
-    each.end(clock, False)  # in time without being cut
+    each.end(clock, False)  # in time, uncut
     assert each.margin == LONGEST * 1e-3
     assert each.left(1.0) > 0.0
     each.begin(clock)
     each.skip()
-    each.end(clock + 1.0, True)  # of a tick that was not measured
+    each.end(clock + 1.0, True)  # this tick was not measured
     assert each.margin == LONGEST * 1e-3
 
 
@@ -64,19 +64,19 @@ def test_a_session_keeps_back_what_follows_the_solver() -> None:
     for _ in range(100):
         late += run.step(robot.state()).status is Status.TIME_LIMIT
     assert late > 50
-    assert run.line.native.margin != FIRST * 2e-4  # it has followed how late ticks end
+    assert run.line.native.margin != FIRST * 2e-4  # it has adapted to late ticks
     exact = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=math.inf).session(robot, 0.002)
     for _ in range(3):
         assert exact.step(robot.state()).status is not Status.TIME_LIMIT
 
 
 DELAY = [0.0]
-"""Time for the rows of ``Slow`` [s]."""
+"""Time that the rows of ``Slow`` take [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Slow(Position):
-    """A user's task whose rows take long."""
+    """User task with slow rows."""
 
     def jacobian(self, state: Any) -> Any:
         time.sleep(DELAY[0])
@@ -104,7 +104,7 @@ def test_a_tick_that_was_held_up_costs_the_next_ones_nothing() -> None:
 
 
 class RecordedWorkspace(AlteredWorkspace):
-    """It writes down what it is given."""
+    """Workspace that records its time limits."""
 
     def __init__(self, whole: Any, given: dict[int, list[float]]) -> None:
         super().__init__(whole, Answers())
@@ -118,7 +118,7 @@ class RecordedWorkspace(AlteredWorkspace):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded(Lexicographic):
-    """A solver in Python that writes down what it is given, by workspace."""
+    """Python solver that records its time limits by workspace."""
 
     given: Any = None
 
@@ -131,7 +131,7 @@ def test_time_spent_on_rows_is_taken_off_what_the_solver_gets() -> None:
     robot, given = hqp.robots.load("ur5"), dict[int, list[float]]()
     solver = Recorded(given=given)
     run = hqp.Controller(Stack(Level(Slow(frame="tool0"))), solver=solver, deadline=2.0).session(robot, 0.002)
-    run.step(robot.state())  # the very first answer may take its time
+    run.step(robot.state())  # the first solve has no time limit
     (times,) = given.values()
     whole = times[-1]
     DELAY[0] = 0.05
@@ -152,5 +152,5 @@ def test_two_stacks_in_a_transition_share_the_deadline(formulation: Any) -> None
     run.change(whole.without("tool0"), 0.1)
     for _ in range(5):
         run.step(robot.state())
-        assert len(given) == 2  # each solver has what it was given until it is given something else
+        assert len(given) == 2  # a time limit stays until the next one is set
         assert sum(times[-1] for times in given.values()) <= deadline

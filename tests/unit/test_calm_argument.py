@@ -1,4 +1,4 @@
-"""Controller(calm=False): one argument for all that slows commands."""
+"""Controller(calm=False): one argument for everything that slows commands."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
 
 
 def commands(formulation: Formulation, *, limits: JointLimits, **options: object) -> np.ndarray:
-    """Of 100 ticks of a UR5 whose hand is asked for one metre too much."""
+    """Commands of 100 ticks of a UR5 with a hand target one metre out of reach."""
     robot = hqp.robots.load("ur5")
     hand = Position(frame="tool0")
     torque = [TorqueLimits()] if isinstance(formulation, hqp.Torque) else []

@@ -15,7 +15,7 @@ SEEDS = range(60)
 
 
 def projector(problem: Hierarchy, levels: int | None = None) -> np.ndarray:
-    """The recursive projector by SVD over the first levels; inequality rows are skipped."""
+    """Recursive projector by SVD over the first levels; skips inequality rows."""
     x, Z = np.zeros(problem.n), np.eye(problem.n)
     for rows in problem.levels[:levels]:
         A, b = rows.dense(problem.n)[rows.equality], rows.lower[rows.equality]
@@ -50,7 +50,7 @@ def planted(rng: Generator, scales: bool = False, lean: float = 1.0) -> tuple[Hi
         if last:
             A, w = np.eye(n), -force
         elif not np.any(w):
-            A = rng.normal(size=(m, n))  # nothing to close: this level is simply met
+            A = rng.normal(size=(m, n))  # no multipliers: x meets this level
         else:
             A = rng.normal(size=(m, n))
             A -= np.outer(w, A.T @ w + force) / (w @ w)
@@ -108,7 +108,7 @@ def test_a_dropped_level_is_seen_at_that_level(name: str) -> None:
         for k in range(1, len(problem.levels)):
             fewer = Hierarchy(problem.levels[:k] + problem.levels[k + 1 :], n=problem.n)
             gaps = certificate(problem, projector(fewer)).gaps
-            if np.linalg.norm(problem.levels[k].slack(projector(problem))) < 1e-9:  # else it had nothing to say
+            if np.linalg.norm(problem.levels[k].slack(projector(problem))) < 1e-9:  # else the level changes nothing
                 assert gaps[k] > 1e-6
             assert np.all(gaps[:k] < 1e-9)
 
@@ -137,7 +137,7 @@ def test_a_weighted_answer_is_rejected() -> None:
 
 
 def test_a_wrong_active_set_is_rejected() -> None:
-    # x <= 1 wants nothing of x = 0: staying at the bound is wrong, at the wish is right
+    # x = 0 satisfies x <= 1 with slack: staying at the bound is wrong, moving to the wish is right
     problem = Hierarchy((Rows(np.eye(1), np.array([-np.inf]), np.ones(1)), Rows(np.eye(1), np.zeros(1), np.zeros(1))))
     assert certificate(problem, np.zeros(1)).ok
     assert not certificate(problem, np.ones(1)).ok
@@ -153,8 +153,10 @@ def test_a_lower_level_may_not_lean_on_a_bound_from_the_wrong_side() -> None:
 
 @pytest.mark.parametrize("seed", [974, 1805, 2221])
 def test_a_row_that_holds_a_level_back_a_little_is_fixed_for_those_below(seed: int) -> None:
-    """With LOCK_TOLERANCE a thousand times as large each of these accepts a neighbour of the optimum: of a row that is
-    left free where the level above has fixed it rounding alone is left, and that leans on anything."""
+    """Reject neighbours of the optimum: with LOCK_TOLERANCE a thousand times as large each of these is accepted.
+
+    A row left free, although the level above fixes it, contains rounding alone, and rounding can balance any gradient.
+    """
     rng = np.random.default_rng(seed)
     problem, x = planted(rng, lean=10 ** rng.uniform(-4.0, 0.0))
     assert certificate(problem, x).ok
@@ -170,7 +172,7 @@ def test_rows_violated_from_below_are_fixed_for_those_below() -> None:
         verdict = certificate(Hierarchy((Rows(sign * apart.A, low, high), wish)), np.array([0.0, 3.0]))
         assert verdict.ok
         assert verdict.ranks == (1, 1, 0)
-        assert np.count_nonzero(verdict.multipliers[1][:2]) == 2  # of equalities, shared between them: not of one side
+        assert np.count_nonzero(verdict.multipliers[1][:2]) == 2  # equalities share them, not one side
         assert not certificate(Hierarchy((Rows(sign * apart.A, low, high), wish)), np.array([0.1, 3.0])).ok
 
 
@@ -221,8 +223,11 @@ def test_gaps_are_blind_to_the_scale_of_a_level() -> None:
 
 @pytest.mark.parametrize("length", [1e3, 1e6])
 def test_an_error_that_only_short_rows_see_is_refused(length: float) -> None:
-    """Two rows of length 1 that conflict beside one of ``length``: their optimum, and points off it along the long row.
-    A gap relative to the longest row was 1e-14 at 1e6."""
+    """Two conflicting rows of length 1 and one of ``length``: accept the optimum, reject points off it along the long
+    row.
+
+    A gap relative to the longest row was 1e-14 at 1e6.
+    """
     A = np.array([[length, 0.0], [0.3, 1.0], [0.0, 1.0]])
     goal = np.array([0.2 * length, 0.5, -0.25])
     problem = Hierarchy((Rows(np.array([[1.0, 1.0]]), np.array([-9.0]), np.array([9.0])), Rows(A, goal, goal)))
@@ -245,7 +250,7 @@ def test_an_error_that_only_short_rows_see_is_refused(length: float) -> None:
 
 
 def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
-    """A long inequality that a short row leans on: its force is a slack below rounding."""
+    """A short row pushes against a long inequality: its force is a slack below rounding."""
     A, upper = np.array([[1e6, 0.0], [1.0, 0.0]]), np.array([1e6, 3.0])
     problem = Hierarchy((Rows(A, np.array([-np.inf, 3.0]), upper),))
     x = np.array([1.0 + 2e-12, 0.0])
@@ -255,7 +260,7 @@ def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_rounding_of_rows_that_are_products_is_no_pull(seed: int) -> None:
-    """Rows of different lengths that see a bounded coordinate by rounding alone: they do not pull it off its bound."""
+    """Rows of different lengths that depend on a bounded coordinate by rounding alone do not pull it off its bound."""
     rng = np.random.default_rng(seed)
     lengths = 10.0 ** np.array([0.0, -1.0, -2.0, -3.0])
     A, b = lengths[:, None] * rng.normal(size=(4, 2)), lengths * rng.normal(size=4)
@@ -295,7 +300,7 @@ def test_nonnegative_least_squares_meets_its_conditions(seed: int) -> None:
 
 
 def test_nonnegative_least_squares_of_two_nearly_opposite_columns() -> None:
-    """Either column alone takes away less than rounding shows, both together everything."""
+    """Each column alone reduces the residual by less than rounding; both together reduce it to zero."""
     G = np.array([[1.0, -1.0], [0.0, 3e-9]])
     b = np.array([1e-10, 0.5])
     mu = nonnegative_least_squares(G, b)
@@ -304,7 +309,7 @@ def test_nonnegative_least_squares_of_two_nearly_opposite_columns() -> None:
 
 
 def test_rounding_excuses_no_gap_beyond_its_bound() -> None:
-    """A level fixes a direction of length 1e-9: the level below may miss by 5e-7 of x, not by 1e-5."""
+    """A level fixes a direction of length 1e-9: the level below may miss by 5e-7 of x, but not by 1e-5."""
     far = np.array([1.0, 1.0, 0.0])
     upper = Rows(
         np.array([[1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]]), np.array([1.0, 1.0 + 1e-9]), np.array([1.0, 1.0 + 1e-9])

@@ -1,7 +1,7 @@
-"""The certificate of a priced level refuses what is off the set above, dearer, or less than its price pays for.
+"""Certificate of a priced level: refuse points off the set above, dearer points, and points short of the price.
 
-In these problems the level's optimum, x = argmin ||w|| + c E(x), is known on paper.  A posture below it asks for
-the very point that is judged, so that nothing but the priced level can refuse it.
+The level's optimum, x = argmin ||w|| + c E(x), is known on paper.  A posture below has the judged point as its
+reference, so that only the priced level can refuse it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def box(most: float) -> Rows:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """Rows above, one priced row, its optimum, and where to the posture may pull in vain."""
+    """Rows above, one priced row, its optimum, and wrong points that the posture pulls to."""
 
     task: Rows
     x: Vec
@@ -60,7 +60,7 @@ CASES = {
 
 
 def claimed(x: Vec) -> Mat:
-    """Stage points of a solver that says x is the optimum of the priced level."""
+    """Stage points of a solver that claims x as the optimum of the priced level."""
     return np.array([np.full(3, np.nan), x, np.full(3, np.nan)])
 
 
@@ -105,7 +105,7 @@ def test_a_price_more_or_less_is_another_problem() -> None:
     exact = 5.0 * FIRST
     assert certificate(case.asked(exact, price=False), exact).ok
     assert not certificate(case.asked(exact), exact).ok
-    assert not certificate(case.asked(exact), exact, stages=claimed(exact)).ok  # met, for more than its price
+    assert not certificate(case.asked(exact), exact, stages=claimed(exact)).ok  # met, but above its price
     assert not certificate(case.asked(case.x, price=False), case.x).ok
 
 
@@ -113,11 +113,11 @@ def test_a_stage_outside_its_set_is_refused_though_the_answer_is_right() -> None
     case = CASES["at the box"]
     asked = case.asked(case.x)
     assert certificate(asked, case.x, stages=claimed(case.x)).ok
-    assert not certificate(asked, case.x, stages=claimed(2.0 * FIRST)).ok  # where it would be without the box
+    assert not certificate(asked, case.x, stages=claimed(2.0 * FIRST)).ok  # the optimum without the box
 
 
 def test_a_stage_that_forgets_the_unmet_level_above_is_refused() -> None:
-    """Two rows out of reach: the second one's optimum by itself takes 0.6 of what the first one has."""
+    """Two rows out of reach: alone, the optimum of the second row takes 0.6 of the first row's motion."""
     both = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
 
     def asked(posture: Vec) -> Hierarchy:
@@ -130,6 +130,6 @@ def test_a_stage_that_forgets_the_unmet_level_above_is_refused() -> None:
     stages = np.array(solution.stage_points)
     assert certificate(asked(np.zeros(3)), solution.x, stages=stages).ok
     stages[1], stages[2] = 2.0 * FIRST, 2.0 * both
-    x = np.array([2.0, 2.0 * (np.sqrt(2.0) - 1.0), 0.0])  # both rows are as these stages have them
+    x = np.array([2.0, 2.0 * (np.sqrt(2.0) - 1.0), 0.0])  # both rows agree with these stages
     assert not certificate(asked(x), x, stages=stages).ok
     assert not certificate(asked(x), x).ok

@@ -1,4 +1,4 @@
-"""Changes of stack in the loop: hold values, the cache, and transitions without a jump."""
+"""Changes of stack in the loop: hold values, cache, and transitions without a jump."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_a_stack_seen_before_is_not_compiled_again(robot: Robot, monkeypatch: py
 
 @EVERY_LEVEL
 def test_a_change_to_a_stack_seen_before_is_quick(robot: Robot, level: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A foot is released, at torque level through four stacks: none is compiled, nor is the way looked for anew."""
+    """Release a foot, at torque level through four stacks: nothing is compiled, and the path is not searched again."""
     whole = stack(robot, level)
     one = lifted(whole, robot)
     run = hqp.Controller(whole, formulation(level), deadline=np.inf).session(robot, DT)
@@ -164,7 +164,7 @@ def test_changes_leave_nothing_behind(robot: Robot) -> None:
     whole = stack(robot, "velocity")
     run = session(robot, whole)
     run.prepare(whole.without("hand"))
-    while gc.collect():  # robots of other tests, then the copies that were kept of them
+    while gc.collect():  # robots of other tests, then their cached copies
         pass
     gc.disable()
     try:
@@ -219,11 +219,11 @@ def test_no_tick_of_a_transition_jumps(name: str, level: str) -> None:
         assert 0.25 / DT <= change.ticks <= 260, str(change)
         assert not change.notes
         if change.event != "swap" and change.before < largest_change(level, DT):
-            assert change.abrupt > 3.0 * change.during, str(change)  # without easing it would have been felt
+            assert change.abrupt > 3.0 * change.during, str(change)  # without easing there would be a jump
 
 
 def test_a_heavy_foot_is_released_without_a_jump() -> None:
-    """CBi fell by it: 432 N m, where the torque that holds a foot on the ground was sent to a foot in the air."""
+    """CBi fell: a foot in the air got 432 N m, the torque that holds it on the ground."""
     (change,) = measure(hqp.robots.load("cbi"), "torque", ["release"])
     assert change.during <= 1.0 + 1e-9, str(change)
     assert change.after <= 3.0, str(change)
@@ -245,7 +245,7 @@ def test_a_kick_in_a_transition_is_followed_by_the_largest_change_at_most(robot:
 
 
 def on_small_soles(robot: Robot) -> Stack:
-    """The stack with a centre of pressure that stays within small soles, and feet that bear something."""
+    """Stack with a centre of pressure within small soles and a minimum load on the feet."""
     whole = stack(robot, "torque")
     extra = [CenterOfPressure(contact=f, rectangle=(-0.08, 0.1, -0.04, 0.04)) for f in robot.landmarks["soles"]]
     least = [UnilateralContact(contact=f, minimum=20.0) for f in robot.landmarks["soles"]]
@@ -274,13 +274,13 @@ def test_a_foot_that_cannot_be_unloaded_keeps_the_change_waiting(robot: Robot) -
     ]
     assert np.abs(robot.state(loop.q).com() - loop.com).max() < 1e-5
     borne = []
-    for k in range(900):  # a user takes the weight off it
+    for k in range(900):  # a user shifts the weight off it
         (tick,) = loop.go(1, loop.goals(smooth(min(1.0, k / 700))))
         program = tick.program
         forces = program.contact_forces(tick.x)
         if right in forces:
             borne.append(float(np.linalg.norm(forces[right][:3])))
-    assert borne[-1] < 5.0  # less than 2 N go in a tick
+    assert borne[-1] < 5.0  # less than 2 N disappear in one tick
     assert loop.ticks[-1].transition == 1.0
     assert loop.changes[50:].max() <= 3.0
     assert right not in loop.run.stack
@@ -312,7 +312,7 @@ def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
     both = path(whole, point, robot, formulation.contact_law)
     assert [p.switch for p in both] == [False, True, False, True, False, False]
     softer = whole.with_laws({left: PD(0.0, 10.0), right: PD(0.0, 10.0)})
-    assert len(path(whole, softer, robot, formulation.contact_law)) == 2  # another law is no other contact
+    assert len(path(whole, softer, robot, formulation.contact_law)) == 2  # another law does not make another contact
     points = Stack(
         *whole.levels,
         subject_to=[*(PointContact(frame=f, name=f) for f in (left, right)), *whole.without(left, right).subject_to],
@@ -328,7 +328,7 @@ def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
 def test_a_contact_that_was_measured_to_bear_little_is_let_go_as_it_is(
     robot: Robot, load: float | None, unloads: bool
 ) -> None:
-    """No way by a stack in which it bears nothing, whatever the model says."""
+    """Release it at once, without a stack that unloads it first, even if the model predicts a load."""
     whole, right = on_small_soles(robot), robot.landmarks["soles"][1]
     loop = Loop(robot, whole, "torque")
     loop.go(50, loop.goals(0.0))
@@ -340,7 +340,7 @@ def test_a_contact_that_was_measured_to_bear_little_is_let_go_as_it_is(
 
 
 class Unserved(View):
-    """A viewer's side of the loop alone."""
+    """View without a server: the part that runs in the loop."""
 
     def _start(self, host: str, port: int, title: str) -> None:
         self._hurry, self.period = True, 0.0
@@ -350,7 +350,7 @@ class Unserved(View):
 
 
 def test_every_tick_of_a_change_tells_of_its_own_rows(robot: Robot, tmp_path: Path) -> None:
-    """Stacks on the way have other rows than the last one: explained, recorded and shown all the same."""
+    """Explain, record and show stacks on the path, although their rows differ from those of the last stack."""
     whole = stack(robot, "torque")
     loop = Loop(robot, whole, "torque")
     loop.shift(100)
@@ -383,7 +383,7 @@ def test_every_tick_of_a_change_tells_of_its_own_rows(robot: Robot, tmp_path: Pa
 
 
 def test_what_is_told_while_a_foot_is_released_is_held_on_the_feet_that_stand(robot: Robot) -> None:
-    """A bad state while both feet stand takes the holding torque of both feet."""
+    """With an invalid state while both feet stand, hold with the torque of both feet."""
     whole = stack(robot, "torque")
     loop = Loop(robot, whole, "torque")
     loop.shift(300)
@@ -491,7 +491,7 @@ def test_a_change_of_contacts_that_leaves_the_robot_undetermined_is_refused(robo
 
 @pytest.mark.parametrize("over", [0.0, 0.1])
 def test_a_change_in_the_midst_of_another_starts_from_what_was_sent(over: float) -> None:
-    """The line that is blended in has sent nothing itself: rates count from the blend."""
+    """The stack that is blended in has sent no command of its own: rates count from the blend."""
     robot = hqp.robots.load("cbi")
     feet = [FixedContact(frame=f) for f in robot.landmarks["soles"]]
     hand = Position(frame=robot.landmarks["palms"][1], name="hand")

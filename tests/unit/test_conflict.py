@@ -1,4 +1,4 @@
-"""Conflicts of constraints: irreducible, named, and with the least that each row must give way."""
+"""Conflicts of constraints: irreducible, named, with the least relaxation of each row."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ CASES = {
 @pytest.mark.parametrize("certified", [True, False])
 @pytest.mark.parametrize("case", CASES)
 def test_a_conflict_is_irreducible_and_measured(case: str, certified: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """certified: a certificate of few rows is found; else rows are left out one after the other."""
+    """certified: find a certificate of few rows; else drop rows one after the other."""
     if not certified:
         monkeypatch.setattr(questions, "_smallest_certificate", lambda *_: None)
     levels, said, least = CASES[case]
@@ -58,7 +58,7 @@ def test_a_conflict_is_irreducible_and_measured(case: str, certified: bool, monk
     assert str(found).startswith(said)
     assert min(row.relaxation for row in found.rows) == pytest.approx(least, rel=1e-6)
     bounds = {(row.level, row.row) for row in found.rows}
-    for spared in bounds:  # without any one of its rows the rest holds
+    for spared in bounds:  # without any one of its rows the rest is feasible
         left = [
             Rows(level.dense(2)[[i for i in range(level.m) if (k, i) in bounds - {spared}]],
                  level.lower[[i for i in range(level.m) if (k, i) in bounds - {spared}]],
@@ -96,7 +96,7 @@ def test_a_foot_that_is_pulled_is_named_with_the_one_that_holds_it() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_conflict_is_irreducible_and_says_by_how_much(seed: int) -> None:
-    """Without any one of its rows the others can hold, and then that row is off by as much as is said."""
+    """Without any one row the others are feasible, and that row is violated by the reported relaxation."""
     rng = np.random.default_rng(seed)
     n, m = 6, 30
     A = rng.standard_normal((m, n)) * rng.uniform(0.1, 100.0, (m, 1))
@@ -114,7 +114,7 @@ def test_a_conflict_is_irreducible_and_says_by_how_much(seed: int) -> None:
 
 
 def test_a_conflict_of_a_whole_robot_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """51 rows of CBi exclude each other: one solve and its certificate tell, without a filter of a solve a row."""
+    """51 rows of CBi conflict: one solve and its certificate suffice, without the filter that solves once per row."""
     robot = hqp.robots.load("cbi")
     run = hqp.Controller(overloaded(robot), formulation("torque"), deadline=np.inf).session(robot, 0.002)
     rng, q, v = np.random.default_rng(0), robot.home.copy(), np.zeros(robot.nv)

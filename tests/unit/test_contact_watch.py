@@ -1,4 +1,4 @@
-"""Contacts that are assumed and not there, told by measured loads."""
+"""Measured loads reveal contacts that the stack assumes but that do not exist."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_contact_without_load_for_a_while_is_lost_and_named(session: hqp.Sessi
     assert [(n.element, n.status) for n in tick.notes] == [("r_sole", Status.CONTACT_LOST)]
     assert "20 ms" in tick.notes[0].detail
     assert tick.status.usable
-    assert np.array_equal(tick.command, tick.solution.x[6:])  # the command is that of the stack all the same
+    assert np.array_equal(tick.command, tick.solution.x[6:])  # the command still is that of the stack
     assert step(session, 300.0, 250.0).status is Status.OPTIMAL
 
 

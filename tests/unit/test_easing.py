@@ -1,4 +1,4 @@
-"""Rows that only one of two stacks has are eased in and out: which, by how much, and what it saves."""
+"""Easing of rows that only one of two stacks has: the rows, their shares, the saved time."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def test_a_pair_is_eased_where_it_differs_in_motions_alone() -> None:
     beside = Stack(Level(*com, *hand), trunk, posture, subject_to=whole.subject_to)
     assert added(bare, beside) == ("hand",)
     slow = Stack(Level(*com, price=0), hand, trunk, posture, subject_to=whole.subject_to)
-    assert added(bare, slow) == ()  # another price
+    assert added(bare, slow) == ()  # the price differs
 
 
 @pytest.mark.parametrize("level", ["velocity", "acceleration"])
 def test_a_task_that_is_added_out_of_reach_costs_ordinary_ticks(level: str) -> None:
-    """The whole way of the hand is still to be gone: its own answer took priced stages, 6 to 8 plain ticks each."""
+    """The hand starts far from its target: its own solve took priced stages, 6 to 8 plain ticks each."""
     robot = hqp.robots.load("talos")
     whole = stack(robot, level)
     loop = Loop(robot, whole.without("hand"), level)
@@ -51,7 +51,7 @@ def test_a_task_that_is_added_out_of_reach_costs_ordinary_ticks(level: str) -> N
 
 
 def test_the_row_gets_its_share_between_the_two_stacks() -> None:
-    """h b + (1 - h) J x_a, b being what the row asks by itself and x_a the answer without it."""
+    """Row h b + (1 - h) J x_a, with b the row's own demand and x_a the solution without it."""
     robot = hqp.robots.load("talos")
     whole = stack(robot, "acceleration")
     loop = Loop(robot, whole.without("hand"), "acceleration")
@@ -105,7 +105,7 @@ def test_the_native_loop_asks_for_all_of_a_task_again_after_the_change() -> None
 
 @pytest.mark.parametrize("level", ["velocity", "acceleration"])
 def test_a_contact_on_its_way_out_is_held_where_it_is(level: str) -> None:
-    """Written into the rows, which is quick, as by a reference of the caller's in each tick."""
+    """Compare the quick way, written into the rows, with a caller's reference in each tick."""
     robot = hqp.robots.load("g1")
     whole = stack(robot, level)
     foot = whole.find(robot.landmarks["soles"][1], FixedContact)
@@ -150,7 +150,7 @@ def test_free_rows_are_not_rewritten() -> None:
     place = run.program.places[right]
     rows = run.problem.levels[place.level]
     rows.lower[place.part], rows.upper[place.part] = -np.inf, np.inf
-    for h in (0.5, 1.0):  # at 1 nothing is left of the row, and infinity times nothing is no number
+    for h in (0.5, 1.0):  # at 1 the row vanishes: infinity times zero is NaN
         for each.here in (False, True):
             each.aim(np.zeros(robot.nv), h)
             each()

@@ -1,4 +1,4 @@
-"""Faults that the suite once did not see: a test for each, written by putting the fault in first."""
+"""Faults that the suite once missed: each test was seen to fail with its fault."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ inf = math.inf
 
 
 def force_rows(program: Any, name: str, tau: np.ndarray) -> np.ndarray:
-    """What an element on forces sees at tau, minus its lower bound."""
+    """Rows of an element on forces at tau, minus its lower bound."""
     place = program.places[name]
     rows = program.problem.levels[place.level]
     return (rows.A @ tau - rows.lower)[place.part]
 
 
 def test_a_gravity_normal_shifts_force_rows_the_right_way() -> None:
-    """The model of the forces does not know the part of tau that holds the robot on the other ground."""
+    """The force model omits the part of tau that holds the robot on ground with another normal."""
     robot = hqp.robots.load("dreamer")
     wheels = [OmniWheelContact(wheel=w) for w in ("wheel_0", "wheel_1", "wheel_2")]
     stack = Stack(
@@ -152,7 +152,7 @@ def test_a_heading_near_the_vertical_has_a_bounded_rate() -> None:
     assert (c, s) == (1.0, 0.0)
     assert square == pytest.approx(0.36)
     assert h[0] == pytest.approx(-0.8 * 0.6 / 0.36)
-    bare = hqp.robots.load("panda")  # the same natively, the x axis of a frame on the elbow nearly straight up
+    bare = hqp.robots.load("panda")  # natively as well, with the x axis of an elbow frame nearly vertical
     tilt = 0.5 * UPRIGHT
     upright = np.array([[math.sin(tilt), 0.0, -math.cos(tilt)], [0.0, 1.0, 0.0], [math.cos(tilt), 0.0, math.sin(tilt)]])
     placement = np.eye(4)
@@ -169,7 +169,7 @@ def test_a_heading_near_the_vertical_has_a_bounded_rate() -> None:
 
 
 def test_a_deadline_is_taken_at_its_word() -> None:
-    """A cold solve that takes 50 ms and more of CPU time, stopped after 1 ms, with 20 ms to end in."""
+    """Stop a cold solve of at least 50 ms CPU time after 1 ms; it may end within 20 ms."""
     problem = pickle.loads((Path(__file__).parents[1] / "data" / "slow_tick.pkl").read_bytes()).exact()
     took = []
     for _ in range(5):
@@ -182,7 +182,7 @@ def test_a_deadline_is_taken_at_its_word() -> None:
 
 
 def test_a_verdict_ends_at_the_deadline() -> None:
-    """Whatever is under way, a verdict too, ends within 0.1 ms: it took 0.4 ms after a deadline of 0.3 ms."""
+    """Every step of a solve ends within 0.1 ms of the deadline, the certificate too: it took 0.4 ms after 0.3 ms."""
     problem = pickle.loads((Path(__file__).parents[1] / "data" / "slow_tick.pkl").read_bytes()).exact()
     for deadline in (5e-5, 1e-4, 2e-4):  # the whole solve takes 0.3 ms or more
         late = []
@@ -209,7 +209,7 @@ def test_a_vertex_of_many_bounds_is_left() -> None:
 
 
 def test_com_alone_needs_no_contact() -> None:
-    """A whole step is a whole step: an unconstrained level is met to rounding, not to a thousandth."""
+    """A full Newton step meets an unconstrained level to rounding, not to a thousandth."""
     robot = hqp.robots.load("talos")
     com = Com(name="com")
     run = hqp.Controller(Stack(Level(com), Level(Posture())), price=0, deadline=inf).session(robot, 0.002)

@@ -1,4 +1,4 @@
-"""What a user meets before anything moves: a machine without a compiler, a typing error, a broken file."""
+"""First contact: a machine without a compiler, a typing error, a broken file."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_the_warning_is_silenced_by_hqp_pure_and_absent_where_all_is_compiled() 
 
 
 def test_a_checkout_without_compiled_parts_says_how_to_get_them(tmp_path: Path) -> None:
-    """As after a plain `pip install .`: Python in the checkout finds ./hqp, whose compiled parts are elsewhere."""
+    """As after a plain `pip install .`: Python in the checkout finds ./hqp without its compiled parts."""
     checkout = tmp_path / "checkout"
     checkout.mkdir()
     (checkout / "hqp").symlink_to(ROOT / "hqp")

@@ -1,4 +1,4 @@
-"""A late tick goes on as the answers before moved: calm scenes stay calm while ticks are cut, and end the same."""
+"""A late tick continues the motion of the previous solutions: calm scenes stay calm with cut ticks and end alike."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ FROM, TO, TICKS = 20, 700, 1200
 
 
 class Stopped:
-    """A search that ends too early: prices are not looked at, and by turns the lower levels neither."""
+    """Solver that stops too early: it ignores prices and, in every second tick, the lower levels."""
 
     def __init__(self) -> None:
         self.cuts = 0
 
     def __call__(self, problem: Hierarchy, found: Solution) -> Solution:
-        """What there is by then, with TIME_LIMIT."""
+        """Return the solution so far, with TIME_LIMIT."""
         self.cuts += 1
         exact = problem.exact()
         if self.cuts % 2:
@@ -46,7 +46,7 @@ class Stopped:
 
 
 class Loop:
-    """A scene on the exact integrator; a share of its ticks is cut."""
+    """Scene on the exact integrator; a share of its ticks is cut."""
 
     def __init__(self, scene: Scene) -> None:
         robot, self.answers = scene.subject.robot, Answers()
@@ -56,7 +56,7 @@ class Loop:
         self.stopped = Stopped()
 
     def go(self, share: float) -> Mat:
-        """The commands of all ticks."""
+        """Commands of all ticks."""
         rng, commands = np.random.default_rng(0), []
         q, v = self.robot.home.copy(), np.zeros(self.robot.nv)
         for i in range(TICKS):
@@ -70,7 +70,7 @@ class Loop:
 
 
 def most_reversals(commands: Mat, scale: Vec) -> float:
-    """Changes of sign of noticeable changes a second, of the worst joint, as tests.scenes.calm counts them."""
+    """Noticeable reversals per second of the worst joint, counted as in tests.scenes.calm."""
     change = np.diff(commands, axis=0)
     noticed = np.abs(change) > NOTICEABLE * scale
     turned = (change[1:] * change[:-1] < 0.0) & noticed[1:] & noticed[:-1]
@@ -103,7 +103,7 @@ def test_ticks_that_are_cut_leave_commands_calm(robot: str, kind: str, share: fl
 
 @pytest.mark.parametrize(("name", "most"), [("cbi", 15), ("g1", 15), ("talos", 15), ("g1", 4), ("talos", 8)])
 def test_a_robot_is_held_up_until_its_first_search_has_ended(name: str, most: int) -> None:
-    """Both hands far out of reach: a search of 80 to 240 working sets, a few of them a tick; some never end."""
+    """Both hands far out of reach: a search of 80 to 240 working sets, a few per tick; some never end."""
     robot, few = hqp.robots.load(name), Lexicographic(max_iterations=most)
     soles, hands = robot.landmarks["soles"], robot.landmarks["palms"]
     tasks = [Com(axes="xy", law=PD(9.0)), *[Position(frame=hand, law=PD(25.0)) for hand in hands], Posture(law=PD(1.0))]
@@ -120,7 +120,7 @@ def test_a_robot_is_held_up_until_its_first_search_has_ended(name: str, most: in
         cut += tick.status is Status.ITERATION_LIMIT
         torques.append(tick.command.copy())
         q, v = tick.advance()
-        if cut == i + 1:  # all so far
+        if cut == i + 1:  # all ticks so far
             np.testing.assert_allclose(torques[-1], torques[0], atol=1e-9)
             assert np.abs(v).max() < 1e-9
     assert 0 < cut < 20 or most < 15
@@ -128,7 +128,7 @@ def test_a_robot_is_held_up_until_its_first_search_has_ended(name: str, most: in
 
 
 class Sent:
-    """What is sent of the answers to a hierarchy."""
+    """Commands sent for solutions of a hierarchy."""
 
     def __init__(self, problem: Hierarchy, joints: Sequence[int], most: float) -> None:
         self.n = problem.n
@@ -138,7 +138,7 @@ class Sent:
         self.rest = Brake(problem.n, list(joints), 1.0, DT)
 
     def instead(self, cut: Vec, last: Vec, tick: int) -> Vec:
-        """In place of an answer that was cut."""
+        """Command in place of a cut solution."""
         x, status = np.empty(self.n), Status.TIME_LIMIT.severity
         contacts = ContactWatch([], DT)
         answer, before, rest = (status, cut, self.slack, ""), (last, True, tick), (self.rest, lambda: None)
@@ -149,7 +149,7 @@ class Sent:
 
 
 def late(problem: Hierarchy, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[int], most: float) -> Vec:
-    """What is sent in place of a cut answer where the answers before it lead from ``last`` to ``ahead``."""
+    """Command in place of a cut solution, if the previous solutions lead from ``last`` to ``ahead``."""
     sent = Sent(problem, joints, most)
     sent.outgoing.solved(np.zeros(problem.n), 1)
     sent.outgoing.solved(ahead - last, 2)
@@ -157,7 +157,7 @@ def late(problem: Hierarchy, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[i
 
 
 def drawn(rng: np.random.Generator, prices: bool) -> tuple[Hierarchy, Vec]:
-    """A hierarchy below a box, and a last answer near its optimum."""
+    """Hierarchy below a box, and a last solution near its optimum."""
     n = 6
     levels = [Rows(Selection(np.arange(n)), np.full(n, -1.0), np.full(n, 1.0))]
     for m in (2, 3, 3):
@@ -182,7 +182,7 @@ def test_nothing_gets_worse_than_by_staying(prices: bool) -> None:
         assert np.abs(x - here).max() <= 0.02 * (1.0 + 1e-9)
         assert not problem.slacks(x)[0].any()
         assert no_worse(problem, x, last)
-    assert moved > 100  # some go on, and some take the cut answer
+    assert moved > 100  # both continued and cut solutions occur
     assert 20 < found < moved
 
 
@@ -196,21 +196,21 @@ def test_a_cut_answer_is_taken_where_much_is_at_stake() -> None:
 
 
 def test_the_trend_is_that_of_solved_answers() -> None:
-    rows = Rows(np.zeros((1, 1)), np.zeros(1), np.zeros(1))  # no x is better than another one
+    rows = Rows(np.zeros((1, 1)), np.zeros(1), np.zeros(1))  # every x is optimal
     sent, last = Sent(Hierarchy((rows,)), range(1), math.inf), np.array([3.0])
 
     def after(tick: int) -> float:
         return float(sent.instead(last, last, tick)[0])
 
     longest = Outgoing.LONGEST
-    assert after(1) == 0.0  # no answer is known: the command comes to rest
+    assert after(1) == 0.0  # without a solution the command decays to rest
     sent.outgoing.solved(np.array([1.0]), 1)
     assert after(2) == 3.0
     sent.outgoing.solved(np.array([2.0]), 5)  # four ticks later
     assert after(6) == pytest.approx(3.25)
     assert after(5 + longest) == pytest.approx(3.25)
     assert after(6 + longest) == 3.0
-    sent.outgoing.solved(np.array([4.0]), 5)  # of the same tick: no rate
+    sent.outgoing.solved(np.array([4.0]), 5)  # twice in one tick: no rate
     assert after(6) == pytest.approx(3.25)
     sent.outgoing.rest(Brake(1, [0], 1.0, DT), lambda: None, True, 1, 0, (last, True, 6), None, np.empty(1))
     assert after(7) == 0.0
@@ -220,8 +220,8 @@ def test_what_a_price_saves_counts() -> None:
     A = np.array([[1.0, 0.0], [0.0, 1e-3]])
     rows = Rows(A, np.ones(2), np.ones(2))
     dear, free = Hierarchy((rows,), prices=np.array([0.1])), Hierarchy((rows,))
-    still, far = np.array([1.0, 0.0]), np.array([1.0, 100.0])  # misses a tenth less, by a hundred times the motion
+    still, far = np.array([1.0, 0.0]), np.array([1.0, 100.0])  # misses by a tenth less, with a hundred times the motion
     for problem, found in ((free, far), (dear, still)):
         np.testing.assert_array_equal(late(problem, far, still, still, range(2), math.inf), found)
     moved = dataclasses.replace(dear, motion=Motion(np.array([1.0, 1e-2]), np.array([0.0, 1.0])))
-    np.testing.assert_array_equal(late(moved, far, still, still, range(2), math.inf), far)  # to where it costs nothing
+    np.testing.assert_array_equal(late(moved, far, still, still, range(2), math.inf), far)  # up to motion without cost

@@ -1,4 +1,4 @@
-"""Levels of a hierarchy: what nature enforces first, no quantity in one level with another, contacts before tasks."""
+"""Levels of a hierarchy: physics first, one quantity per level, contacts before tasks."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FEET = FixedContact(frame="l_sole"), FixedContact(frame="r_sole")
 
 @dataclass(frozen=True, kw_only=True)
 class _Ceiling(Inequality):
-    """A user's inequality with one dense row."""
+    """User inequality with one dense row."""
 
     def rows(self, robot: Robot) -> int:
         return 1
@@ -67,7 +67,7 @@ def names(stack: Stack, **options: bool) -> list[set[str]]:
 
 
 def test_order_of_subject_to_at_torque_level() -> None:
-    """Physics first, whatever order it was written in; forces and motions never in one level."""
+    """Physics comes first in any written order; forces and motions never share a level."""
     expected = [
         {"torque_limits"},
         {"l_sole_cop", "l_sole_friction", "r_sole_unilateral"},
@@ -107,7 +107,7 @@ def test_contacts_of_a_level_first() -> None:
 
 
 def test_physics_does_not_give_way_to_a_joint_limit() -> None:
-    """Knees beyond their speed limit ask for a pull on the ground: the feet still only push, and the limit is told."""
+    """Knees beyond their speed limit need a pull on the ground: feet still only push, and the limit gets the note."""
     robot = hqp.robots.load("talos")
     feet = [FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
     forces: list[Element] = [UnilateralContact(contact=foot.name, minimum=20.0) for foot in feet]
@@ -129,7 +129,7 @@ def test_physics_does_not_give_way_to_a_joint_limit() -> None:
 
 
 def test_levels_of_one_name_have_numbers() -> None:
-    """Rows of ``subject_to`` are several levels; contacts of a level are called by it."""
+    """Rows of ``subject_to`` form several levels; contacts of a level take its name."""
     stack = Stack(Level(FEET[0], Position(frame="r_palm"), name="stand"), Level(Posture()), subject_to=MEMBERS[1:3])
     program = hqp.Velocity().compile(stack, ROBOT, 0.002, hqp.Price(0.0))
     priced = hqp.Velocity().compile(stack, ROBOT, 0.002)

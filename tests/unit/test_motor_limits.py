@@ -1,4 +1,4 @@
-"""Commands stay within the limits of the model, whatever rows a stack has: checked after the solver by other code."""
+"""Commands stay within the limits of the model with any rows in the stack: independent code clamps them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAMES = tuple(TOOLS)
 
 
 def controller(robot: Any, kind: str, gain: float = 300.0, limits: bool = False, **more: Any) -> Controller:
-    """A tool or a trunk that is sent far off at once, without limits of joints."""
+    """Tool or trunk with a distant target, without joint limits."""
     law = P(gain) if kind == "velocity" else PD(gain * gain, 2.0 * gain)
     soles = robot.landmarks.get("soles", ()) if robot.floating else ()
     feet = ["FR_foot", "RL_foot", "RR_foot"] if robot.name == "go2" else []
@@ -50,7 +50,7 @@ def far(robot: Any, session: Any) -> Any:
 
 
 def excess(robot: Any, kind: str, v: Any, tick: Any) -> float:
-    """Largest share of a limit that a command takes; exact stacks have no net at torque level."""
+    """Largest share of a limit that a command takes; exact stacks have no clamp at torque level."""
     motors = robot.actuated
     if kind == "torque":
         return float(np.max(np.abs(tick.command) / (OVERLOAD * robot.effort_limit[motors])))

@@ -1,4 +1,4 @@
-"""Contacts that hold more than joints can follow are told before the loop."""
+"""Session start warns of contacts that constrain more than the joints can follow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hqp.tasks import Com, EdgeContact, FixedContact, JointLimits, PointContact,
 
 
 def biped(folder: Path, ankles: tuple[str, ...]) -> Robot:
-    """Two straight legs below a pelvis: yaw, roll, pitch, knee, and ankles about these axes."""
+    """Two straight legs below a pelvis: yaw, roll, pitch, knee, and ankles about the given axes."""
 
     def leg(side: str, y: float) -> str:
         def joint(name: str, axis: str) -> str:
@@ -50,7 +50,7 @@ def session(robot: Robot, *contacts: object) -> tuple[hqp.Session, list[str]]:
 
 
 def reversals(run: hqp.Session) -> float:
-    """Of commands, an average joint's, a second; the centre of mass is to go down, ahead and to the side."""
+    """Reversals of commands per second, mean over joints, while the CoM goes down, ahead and to the side."""
     robot = run.robot
     q, v = robot.home, np.zeros(robot.nv)
     goal = robot.state(q, v).com() + np.array([0.05, 0.05, -0.1])
@@ -86,7 +86,7 @@ def test_what_the_text_names_is_a_cure(tmp_path: Path, other: object) -> None:
 
 
 def arm(folder: Path, *turns: float) -> Robot:
-    """Three links in a plane, each turned against the one before."""
+    """Three links in a plane, each with a given angle to the previous one."""
     inside = '<geom type="sphere" size="0.05" mass="1"/>'
     for k, turn in reversed([*enumerate(turns)]):
         joint = (

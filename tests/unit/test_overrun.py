@@ -1,4 +1,4 @@
-"""A position limit that gives way to the acceleration window: which joint, and by how much it will pass its limit."""
+"""A position limit that yields to the acceleration window: the joint and the predicted overrun."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FORMULATIONS = {"velocity": hqp.Velocity(), "acceleration": hqp.Acceleration(), 
 
 
 def driven(robot: Any, kind: str, limited: bool, q: Any, v: Any, ticks: int, **fields: Any) -> tuple[list[Tick], Any]:
-    """Ticks from a state on, and the angles after each."""
+    """Ticks from a given state, and the angles after each."""
     law = P(5.0) if kind == "velocity" else PD(25.0, 10.0)
     stack = Stack(Level(Posture(law=law)), subject_to=[JointLimits(**fields)])
     rates = None if not limited else hqp.RateLimits(**{kind: 1e9})
@@ -32,7 +32,7 @@ def driven(robot: Any, kind: str, limited: bool, q: Any, v: Any, ticks: int, **f
 
 
 def told(tick: Tick) -> dict[str, tuple[float, str]]:
-    """Of each joint that a note names by how much it will pass its limit, and the unit."""
+    """Predicted overrun and unit by joint that a note names."""
     found = {}
     for note in tick.notes:
         if "cannot brake" in note.detail:
@@ -55,7 +55,7 @@ def test_the_note_foretells_by_how_much_a_limit_is_passed(kind: str, limited: bo
     for tick in ticks[:20]:
         (name, (amount, unit)), *others = told(tick).items()
         assert (name, unit, others) == (robot.joint_names[joint], "rad", [])
-        assert amount == pytest.approx(passed, rel=6e-3)  # of three digits
+        assert amount == pytest.approx(passed, rel=6e-3)  # three digits
     assert not told(ticks[-1])  # on its way back
 
 

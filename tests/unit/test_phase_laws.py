@@ -1,4 +1,4 @@
-"""Laws of elements by phase: gains go over, nothing is compiled, what does not fit is refused."""
+"""Laws of elements by phase: gains change over time, nothing is compiled, laws that do not fit are refused."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def begin(robot: Robot, stack: Stack, formulation: Any, **laws: Any) -> Any:
 
 
 def asked(robot: Robot, dt: float, *laws: Any) -> Any:
-    """The demand of an error of one, for dt on the way to each law but the first: of one law it is its gain."""
+    """Demand of a unit error after dt with each law in turn after the first; with one law, its gain."""
     rows = Assembly([HAND], [], robot, dt, {"hand": laws[0]})
     for law in laws[1:]:
         rows.take_law("hand", law, at_once=False)
@@ -70,7 +70,7 @@ def test_a_law_that_changes_on_the_way_goes_on_from_there(arm: Robot) -> None:
 def test_an_element_has_the_law_of_its_phase(
     arm: Robot, formulation: Any, slow: Any, fast: Any, after: float, fastest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After the time that hqp/cpp/rows/law_change.hpp says the answer is that of a stack with that law, and back."""
+    """After the time in hqp/cpp/rows/law_change.hpp, the solution equals that of a stack with the new law, and back."""
     stack = ARM.with_laws({"hand": slow})
     q, v = arm.home + 0.1, 0.05 * np.ones(arm.nv)
     far = 0.2  # within the limits of motors
@@ -94,7 +94,7 @@ def test_an_element_has_the_law_of_its_phase(
 
 
 def test_torques_do_not_jump_where_a_law_changes(arm: Robot) -> None:
-    """In the loop: a tenth of what they change by where the law changes at once."""
+    """Closed loop: torques change by at most a tenth of the jump of an abrupt change of law."""
     q, v = arm.home + 0.1, np.zeros(arm.nv)
     stack = ARM.with_laws({"hand": PD(25.0)})
     run = begin(arm, stack, hqp.Torque(holding=None), hand=PD(400.0))
@@ -136,7 +136,7 @@ def test_what_comes_in_has_its_law_at_once(arm: Robot) -> None:
 
 
 def test_laws_survive_a_change_of_stack(arm: Robot) -> None:
-    """Of either stack, at once and on the way."""
+    """Laws of the old and the new stack, at once and during the transition."""
     run = begin(arm, ARM, hqp.Velocity(), hand=P(4.0))
     state = arm.state(arm.home + 0.1)
     goal = HAND.at(state.position("tool0") + [0.02, 0.0, 0.0])
@@ -190,7 +190,7 @@ def test_a_file_of_a_sequence_holds_them() -> None:
 
 
 def test_a_run_without_laws_has_the_declared_ones(arm: Robot) -> None:
-    """Whatever another run on the same session left."""
+    """Start from the declared laws after any earlier run on the session."""
     session = hqp.Controller(ARM, hqp.Velocity(), deadline=np.inf).session(arm, DT)
     state = arm.state(arm.home + 0.1)
     goal = HAND.at(state.position("tool0") + [0.02, 0.0, 0.0])
@@ -201,7 +201,7 @@ def test_a_run_without_laws_has_the_declared_ones(arm: Robot) -> None:
 
 
 def test_a_phase_with_the_law_of_the_one_before_lets_it_go_on(arm: Robot) -> None:
-    """It is there when it would have been without the second phase."""
+    """The second phase does not delay the change of gain."""
     session = hqp.Controller(ARM, hqp.Velocity(), deadline=np.inf).session(arm, DT)
     fast = {"hand": P(10.0)}
     run = Sequence(Phase(name="slow"), Phase(name="fast", laws=fast), Phase(name="still fast", laws=fast)).run(session)

@@ -1,4 +1,4 @@
-"""A first state that cannot be meant is warned of, with the likely cause; a plausible one is not."""
+"""Warn of an implausible first state with the likely cause; accept a plausible one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def robot(request: pytest.FixtureRequest) -> Any:
 
 
 def turned(q: Any, rpy: tuple[float, float, float]) -> Any:
-    """The configuration with its base turned in the world."""
+    """Turn the base of a configuration in the world."""
     found = q.copy()
     given = pin.Quaternion(q[6], *q[3:6])
     found[3:7] = (pin.Quaternion(pin.rpy.rpyToMatrix(*rpy)) * given).coeffs()
@@ -30,7 +30,7 @@ def turned(q: Any, rpy: tuple[float, float, float]) -> Any:
 
 
 def test_what_a_robot_may_do_is_plausible(robot: Any) -> None:
-    """Any heading, tilts of up to 50 degrees, any place, and joints a little off their limits."""
+    """Any heading, tilts of up to 50 degrees, any position, and joints slightly outside their limits."""
     rng = np.random.default_rng(0)
     for _ in range(200):
         q = robot.random_configuration(rng, 0.3)
@@ -42,7 +42,7 @@ def test_what_a_robot_may_do_is_plausible(robot: Any) -> None:
         q = turned(q, (tilt * np.cos(axis), tilt * np.sin(axis), 0.0))
         q[7:] += rng.uniform(-0.3, 0.3, robot.nq - 7)
         assert doubts(robot, q) == ()
-        assert doubts(robot, np.concatenate((q[:3], -q[3:7], q[7:]))) == ()  # the same rotation
+        assert doubts(robot, np.concatenate((q[:3], -q[3:7], q[7:]))) == ()  # both quaternions are one rotation
 
 
 def test_the_likely_cause_is_named(robot: Any) -> None:

@@ -1,4 +1,4 @@
-"""Elements that are out of a tick: as if the stack were without them, in one plan, and fresh when they come back."""
+"""Elements switched off for a tick: the stack without them, one plan, fresh hold values on return."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.counting import calls
 from tests.loop.readable_tick import ReadableSession
 
 STEP = 1e-6
-"""By which a robot is moved by hand in a tick [rad, m]: contacts that move fast cannot be kept."""
+"""Displacement of the robot by hand in a tick [rad, m]: fast contacts cannot be kept."""
 
 SOLES = {"left": "l_sole", "right": "r_sole"}
 RECTANGLES = {"left": (-0.065, 0.18, -0.04, 0.06), "right": (-0.065, 0.18, -0.06, 0.04)}
@@ -61,7 +61,7 @@ def begin(stack: Stack, kind: str, robot: Robot, **options: Any) -> Session:
 
 
 def driven(session: Session, robot: Robot, ticks: int, *off: str) -> tuple[Vec, list[hqp.Tick]]:
-    """x of every tick, with a hand that is pulled away."""
+    """x of every tick while the hand follows a moving target."""
     q, v, found, given = robot.home, np.zeros(robot.nv), [], []
     goal = robot.state(robot.home).position("r_palm") + [0.1, -0.05, 0.1]
     for _ in range(ticks):
@@ -78,7 +78,7 @@ def driven(session: Session, robot: Robot, ticks: int, *off: str) -> tuple[Vec, 
 @pytest.mark.parametrize("price", [None, 0])
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_off_is_the_stack_without(kind: str, price: Any, robot: Robot) -> None:
-    """A contact and tasks that are out leave the answer of a stack that never had them."""
+    """With a contact and tasks off, the solution is that of a stack without them."""
     out = ("left", "hand")
     found, _ = driven(begin(standing(kind), kind, robot, price=price), robot, 12, *out)
     bare, _ = driven(begin(standing(kind, *out), kind, robot, price=price), robot, 12)
@@ -115,7 +115,7 @@ def test_a_contact_that_is_out_bears_nothing_and_takes_what_is_asked_of_its_forc
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_what_comes_back_takes_fresh_hold_values(kind: str, robot: Robot) -> None:
-    """And nothing else does; nothing is compiled."""
+    """No other element takes a new one; nothing is compiled."""
     session = begin(standing(kind), kind, robot)
     program, q = session.program, robot.home
     for k in range(12):
@@ -135,7 +135,7 @@ def test_what_comes_back_takes_fresh_hold_values(kind: str, robot: Robot) -> Non
 
 
 def test_a_set_of_elements_that_was_seen_goes_on_where_it_ended() -> None:
-    """The solver has its answer at once where Talos' foot leaves or comes back as it did before."""
+    """Warm-start the solver each time Talos' foot leaves or returns."""
     talos = hqp.robots.load("talos")
     feet = [t.FixedContact(frame=frame, name=name) for name, frame in zip(SOLES, talos.landmarks["soles"], strict=True)]
     within: list[Any] = [*feet, t.TorqueLimits(), t.JointLimits()]
@@ -158,7 +158,7 @@ def test_a_set_of_elements_that_was_seen_goes_on_where_it_ended() -> None:
 
 
 def test_phases_put_levels_and_elements_in_and_out(robot: Robot) -> None:
-    """A level with a ``when``, and a contact; a reference says otherwise for a tick."""
+    """Switch a level with ``when`` and a contact by phase; a reference overrides the phase for a tick."""
     feet = {"left": t.FixedContact(frame="l_sole", name="left", when="both")}
     stack = standing("torque", when=True).replace(*feet.values())
     session = begin(stack, "torque", robot)
@@ -181,7 +181,7 @@ def test_phases_put_levels_and_elements_in_and_out(robot: Robot) -> None:
 
 
 def test_what_nothing_would_hold_is_refused(robot: Robot) -> None:
-    """Declared, with an error; in a tick, with a note, and the contacts stay."""
+    """A declaration raises; a tick gets a note and keeps the contacts."""
     feet = [t.FixedContact(frame=frame, name=name, when="stand") for name, frame in SOLES.items()]
     stack = Stack(Level(t.Posture(), when="fly"), Level(t.Com(name="com")), subject_to=feet)
     with pytest.raises(DeclarationError, match="phase fly: without left, right constraints and actuators do not"):
@@ -210,7 +210,7 @@ def test_names_that_are_not_there_are_refused(robot: Robot) -> None:
 
 
 def test_a_contact_that_is_out_is_not_missed(robot: Robot) -> None:
-    """Its measured load says nothing until it is back."""
+    """Ignore its measured load until it returns."""
     session, left = begin(standing("torque"), "torque", robot), CONTACTS["left"]
     for _ in range(30):
         tick = session.step(robot.state(robot.home), left.off().loaded(0.0))
@@ -221,7 +221,7 @@ def test_a_contact_that_is_out_is_not_missed(robot: Robot) -> None:
 
 
 def test_support_is_that_of_the_contacts_that_are_in(robot: Robot) -> None:
-    """Natively as by the readable functions: one foot's hull where the other is out."""
+    """Natively and by the readable functions: one foot's hull while the other foot is off."""
     stack = Stack(
         Level(t.SupportPolygon(sole=(-0.05, 0.1, -0.03, 0.03), name="support")),
         Level(t.Posture()),
@@ -245,7 +245,7 @@ def test_support_is_that_of_the_contacts_that_are_in(robot: Robot) -> None:
 
 
 def test_references_of_what_is_out_say_nothing(robot: Robot) -> None:
-    """Not even where they are no numbers."""
+    """Ignore them, even if they are NaN."""
     session = begin(standing("velocity"), "velocity", robot)
     swing = hqp.Reference("swing", np.full((4, 4), np.nan), on=False)
     for _ in range(4):
@@ -255,7 +255,7 @@ def test_references_of_what_is_out_say_nothing(robot: Robot) -> None:
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_a_switch_in_native_ticks_calls_little(kind: str, robot: Robot) -> None:
-    """Of functions of Python and C three times what a plain tick calls, at most; it took eight times as many."""
+    """A switch makes at most three times the Python and C calls of a plain tick; it made eight times as many."""
     session = begin(standing(kind, when=True), kind, robot)
     q, v = robot.home + STEP, np.zeros(robot.nv)
 
@@ -274,7 +274,7 @@ def test_a_switch_in_native_ticks_calls_little(kind: str, robot: Robot) -> None:
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_native_ticks_take_the_hold_values_of_what_comes_back(kind: str, robot: Robot) -> None:
-    """Every task takes the value of its ``hold`` in the tick in which it comes back."""
+    """Each task takes its ``hold`` value in the tick of its return."""
     stack = standing(kind)
     session = begin(stack, kind, robot)
     q, v = robot.home.copy(), np.zeros(robot.nv)

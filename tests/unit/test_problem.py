@@ -1,4 +1,4 @@
-"""The seam: what it takes, what it refuses, and how it says so."""
+"""Interface to solvers: accepted problems, refused problems, error texts."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_statuses_are_ordered_and_explain_themselves() -> None:
     assert Status.NOT_CERTIFIED.severity > Status.TIME_LIMIT.severity  # refused is worse than cut short
     unusable = [Status.NOT_CERTIFIED, Status.DYNAMICS_FAILED, Status.INVALID_STATE]
     assert [s for s in Status if not s.usable] == unusable
-    assert all(":" in status.value for status in Status)  # what it is: what to do
+    assert all(":" in status.value for status in Status)  # meaning: advice
 
 
 def test_unwrap_throws_with_a_copy_of_the_problem() -> None:

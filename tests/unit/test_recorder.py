@@ -1,4 +1,4 @@
-"""Flight recordings: what a file holds is what was solved, without the robot; replay; and what a tick pays for it."""
+"""Flight recordings: files hold the solved problems without the robot; replay; cost per tick."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_file_holds_what_was_solved(formulation: Any, tmp_path: Path) -> None:
 
 
 def test_rows_that_are_multiples_of_others_are_kept_once(tmp_path: Path) -> None:
-    """At torque level a posture, limits of joints, motion and metric are rows of qdd = X tau + c; X is symmetric."""
+    """At torque level posture, joint limits, motion and metric are rows of qdd = X tau + c with symmetric X."""
     robot, run, _ = make(hqp.Torque())
     run.step(robot.state())
     program = run.program
@@ -145,7 +145,7 @@ def test_changes_of_stack_are_in_one_file(tmp_path: Path) -> None:
 def test_replay_tells_who_agrees_and_the_account_over_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int, agreed: int
 ) -> None:
-    """every, agreed: of the reference solver, which takes a second a tick."""
+    """every, agreed: stride and count of the reference solver, which takes a second per tick."""
     monkeypatch.setattr(sys.modules["hqp.recorder.replay"], "SECONDS", math.inf)  # the function has the name, too
     robot, run, hand = make(hqp.Velocity())
     recorder = run.record(ticks=40, on="never", to=tmp_path)
@@ -161,7 +161,7 @@ def test_replay_tells_who_agrees_and_the_account_over_time(
     assert sum(period.last >= period.first for period in found.periods) == len(found.periods)
     assert any("hand" in str(period) for period in found.periods)
     assert "lexicographic" in str(found)
-    spoilt = recording[4].problem.levels[-1].lower  # another demand than was solved: nobody agrees there
+    spoilt = recording[4].problem.levels[-1].lower  # a demand that was not solved: no solver agrees there
     spoilt += 1.0
     recording[4].problem.levels[-1].upper[:] = spoilt
     recording[4].x_solved[:] += 0.3
@@ -261,7 +261,7 @@ def test_a_full_disk_leaves_no_half_file_and_costs_bounded_memory(
 
 def test_a_file_is_never_written_over(tmp_path: Path) -> None:
     recorders = []
-    for _ in range(2):  # the same robot, the same count, the same second
+    for _ in range(2):  # same robot, same count, same second
         robot, run, hand = make(hqp.Velocity(), "g1")
         recorders.append(run.record(ticks=2, on="never", to=tmp_path))
         drive(robot, run, hand, 2)
@@ -283,7 +283,7 @@ def test_without_a_tick_no_file_is_written(tmp_path: Path) -> None:
 
 
 def test_a_tick_pays_little_for_its_recording(tmp_path: Path) -> None:
-    """One copy in C++: a few calls, as many for a tick of any size."""
+    """One copy in C++: a few calls, equally many for ticks of any size."""
     for name in ("talos", "cbi"):
         robot, run, _ = make(hqp.Velocity(), name)
         for _ in range(10):

@@ -1,4 +1,4 @@
-"""What is sent while no answer is usable, against the equations, and that it starts from the newest state there is."""
+"""Fallback commands against their equations, from the newest valid state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DT, DECELERATION, DAMPING = 0.002, 40.0, 0.3
 
 @dataclass(frozen=True)
 class Refusing(Solver):
-    """The kernel; while ``switch["off"]`` its answers are spoiled: refused."""
+    """The kernel; while ``switch["off"]`` is set, spoil its solutions so that they are refused."""
 
     name: ClassVar[str] = "refusing"
     priced: ClassVar[bool] = True
@@ -48,7 +48,7 @@ class Refusing(Solver):
 
 
 class Arm:
-    """A session of UR5 on a posture, whose answers can be refused."""
+    """UR5 session on a posture with refusable solutions."""
 
     def __init__(self, formulation: Any, **posture: Any) -> None:
         self.robot: Robot = hqp.robots.load("ur5")
@@ -78,7 +78,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Beyond(Refusing):
-    """The same, spoiled answers being that much beyond a bound on x."""
+    """Spoil solutions to exceed a bound on x by ``off``."""
 
     off: float = 0.0
 
@@ -102,7 +102,7 @@ def test_an_answer_beyond_bounds_that_always_hold_is_none(off: float, status: St
 
 
 def damped(robot: Robot, q: Vec, v: Vec, fade: float) -> Vec:
-    """g - D qd within the effort limits, D_i = 1 / (T (M^-1)_ii): no contact carries an arm."""
+    """g - D qd within the effort limits, D_i = 1 / (T (M^-1)_ii): an arm without contacts."""
     state = robot.state(q, v)
     felt = np.diag(np.linalg.inv(state.mass_matrix()))
     tau = state.gravity_force() - fade * v / (DAMPING * felt)
@@ -115,12 +115,12 @@ def test_torque_holds_the_newest_state_and_damps_within_the_limits(speed: float)
     good, limit = arm.state(speed), arm.robot.effort_limit
     arm.run.step(arm.robot.state(*good))
     clipped = 0
-    for k in range(5):  # of the last good state, its velocity fading
+    for k in range(5):  # the last valid state, with a fading velocity
         sent = arm.lost().command
         np.testing.assert_allclose(sent, damped(arm.robot, *good, (1.0 - DT / DAMPING) ** k), rtol=1e-9, atol=1e-9)
         clipped += int(np.sum(np.abs(sent) == limit))
     assert (clipped > 0) == (speed > 1.0)
-    for _ in range(3):  # answers are refused, states are good: each begins anew
+    for _ in range(3):  # solutions are refused, states are valid: each tick starts anew
         q, v = arm.state(speed)
         np.testing.assert_allclose(arm.refused(q, v).command, damped(arm.robot, q, v, 1.0), rtol=1e-9, atol=1e-9)
     sent = arm.lost().command
@@ -135,7 +135,7 @@ def test_acceleration_brakes_the_newest_velocity() -> None:
 
     q, v = arm.state()
     good = arm.run.step(arm.robot.state(q, v), arm.posture.at(q + arm.rng.uniform(-0.2, 0.2, 6)))
-    v = v + DT * good.command  # where the last good command has led
+    v = v + DT * good.command  # the velocity after the last valid command
     for _ in range(3):
         sent = arm.lost().command
         np.testing.assert_allclose(sent, braked(v), atol=1e-9)
@@ -165,4 +165,4 @@ def test_velocity_stops_at_a_limit_seen_from_the_newest_state(newest: str) -> No
     way = [place + DT * sent]
     for _ in range(200):
         way.append(way[-1] + DT * arm.lost().command[3])
-    assert max(way) == pytest.approx(upper, abs=1e-9)  # no further, and no less far: it cannot stop before it
+    assert max(way) == pytest.approx(upper, abs=1e-9)  # exactly to the limit: the joint cannot stop before it

@@ -1,4 +1,4 @@
-"""Joints whose command alternates from limit to limit are named, with how often; calm ones are not."""
+"""Name joints whose command alternates between their limits, with the rate; name no calm joint."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def out_of_reach(name: str, price: Any, rates: Any = None) -> list[hqp.Tick]:
 
 
 def rate(detail: str) -> float:
-    """As a note tells it [1/s]."""
+    """Rate of alternation in a note [1/s]."""
     return float(detail.split("between its limits ")[1].split()[0])
 
 

@@ -63,7 +63,7 @@ def test_a_copy_has_data_of_its_own(cbi: Robot) -> None:
 
 
 def test_quantities_do_not_disturb_each_other(cbi: Robot) -> None:
-    """Pinocchio shares one Data: whatever order quantities are asked in, each must be what it is alone."""
+    """Pinocchio shares one Data: each quantity is independent of the quantities computed before it."""
     rng = np.random.default_rng(5)
     q, v = cbi.random_configuration(rng), rng.standard_normal(cbi.nv)
     chest = cbi.subtree("B_TFE")
@@ -87,7 +87,7 @@ def test_quantities_do_not_disturb_each_other(cbi: Robot) -> None:
     alone = {name: ask(cbi.state(q, v)) for name, ask in asks.items()}
     for one, other in product(asks, repeat=2):
         state = cbi.state(q, v)
-        for name in (one, other, one):  # what the first has kept, the second may have written over
+        for name in (one, other, one):  # the second quantity may overwrite the cache of the first
             assert np.allclose(asks[name](state), alone[name], atol=1e-10), f"{name} of {one}, {other}, {one}"
     for _ in range(30):
         state = cbi.state(q, v)
@@ -144,7 +144,7 @@ def test_nan_is_seen(cbi: Robot) -> None:
 
 @pytest.mark.parametrize("source", ["cbi", "dreamer", "ur5", "talos", "two_legs.xml", "path"])
 def test_robots_pickle(source: str) -> None:
-    """With all that was asked of them before; what is live is made anew."""
+    """Pickle a robot after use of its cached properties; rebuild its live parts."""
     if source.endswith(".xml"):
         robot = hqp.robots.load(Path(__file__).parent.parent / "data" / "mjcf" / source)
     else:

@@ -1,4 +1,4 @@
-"""What goes into a session, what leaves it, and what is sent while no answer is usable."""
+"""Inputs of a session, its outputs, and the command without a usable solution."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_bounds_of_a_state_are_declared(robot: Robot) -> None:
     v = np.zeros(robot.nv)
     v[6:] = 3.0
     assert session(robot).step(robot.state(None, v)).held == 0
-    bounds = StateBounds(speed=1e-6)  # ten times a joint's limit is believed all the same
+    bounds = StateBounds(speed=1e-6)  # accepted: ten times a joint's limit
     v[0] = 1.0
     tick = session(robot, bounds=bounds).step(robot.state(None, v))
     assert "base: velocity 1 is too large" in tick.notes[0].detail
@@ -257,7 +257,7 @@ def test_an_answer_that_is_not_certified_is_not_sent(robot: Robot) -> None:
 
 @pytest.mark.parametrize("deadline", [2e-4, 1e-3])
 def test_conflicts_at_torque_level_keep_a_deadline(deadline: float) -> None:
-    """Feet that must bear more than the robot weighs: whatever is stopped, exact levels, stages or a verdict, tells."""
+    """Feet must bear more than the weight: exact levels, priced stages and the certificate all stop at the deadline."""
     found = measure_deadline(hqp.robots.load("g1"), 150, deadline)
     assert found.statuses["TIME_LIMIT"] > 20
     assert found.worse == 0
@@ -318,7 +318,7 @@ def test_rates_hold_in_every_tick_and_say_what_they_cost(robot: Robot) -> None:
         assert limited > 0
     run = session(robot, hqp.Acceleration(), rates=limits)
     run.step(robot.state())
-    notes = run.step(robot.state(None, np.full(robot.nv, 0.3))).notes  # feet that move are to be stopped at once
+    notes = run.step(robot.state(None, np.full(robot.nv, 0.3))).notes  # moving feet must stop within a tick
     off = {note.element for note in notes if "by the rate limit" in note.detail}
     assert {"l_sole", "r_sole"} <= off
     for wrong in ({"velocity": 0.0}, {"torque": [1.0, -1.0]}, {"acceleration": np.inf}):
@@ -328,12 +328,12 @@ def test_rates_hold_in_every_tick_and_say_what_they_cost(robot: Robot) -> None:
         session(robot, rates=RateLimits(velocity=[1.0, 2.0]))
 
 
-# elements of the user's ---------------------------------------------------------------------------------------------
+# user elements ------------------------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Faulty(Position):
-    """A user's task that fails in a way of its own from its third evaluation on."""
+    """User task that fails in a given way from its third evaluation on."""
 
     kind: str = ""
 
@@ -364,7 +364,7 @@ class Faulty(Position):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Wall(Inequality):
-    """A user's inequality with bounds that come out wrong after the first tick."""
+    """User inequality with wrong bounds after the first tick."""
 
     kind: str = ""
 
@@ -421,7 +421,7 @@ def test_a_faulty_constraint_costs_no_other_element_its_rows(robot: Robot, formu
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Unsteady(Position):
-    """A user's task that now and then has no hold value or no Jacobian."""
+    """User task that at times has no hold value or no Jacobian."""
 
     units: ClassVar[tuple[Any, ...]] = ()
     fault: Any = dataclasses.field(default_factory=lambda: {"": None}, compare=False)
@@ -441,7 +441,7 @@ class Unsteady(Position):
 @pytest.mark.parametrize("how", ["raises", "none"])
 @pytest.mark.parametrize("when", ["first", "change", "eased"])
 def test_an_element_without_a_hold_value_is_left_out(robot: Robot, formulation: Any, how: str, when: str) -> None:
-    """It is asked again in every tick, and takes part once it has a hold value or is given a reference."""
+    """Try it again in every tick; use it once it has a hold value or a reference."""
     task = Unsteady(frame="l_palm", name="unsteady")
     whole = Stack(*stack().levels[:1], Level(task), *stack().levels[1:], subject_to=stack().subject_to)
     run = session(robot, formulation, whole if when == "first" else stack())
@@ -475,7 +475,7 @@ def test_a_change_to_an_element_without_a_jacobian_is_refused(robot: Robot, how:
 
 
 def test_a_stack_is_prepared_where_the_robot_has_moved_on(robot: Robot) -> None:
-    rates = RateLimits(torque=1e5)  # no native loop is made in the first step
+    rates = RateLimits(torque=1e5)  # the first step makes no native loop
     run, other = session(robot, hqp.Torque(), rates=rates), stack(TorqueLimits()).without("hand")
     run.step(robot.state())
     run.change(other)
@@ -488,7 +488,7 @@ def test_a_stack_is_prepared_where_the_robot_has_moved_on(robot: Robot) -> None:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultyContact(FixedContact):
-    """A user's contact whose Jacobian is lost."""
+    """User contact that loses its Jacobian."""
 
     def jacobian(self, state: Any) -> Any:
         return super().jacobian(state) * (np.nan if state.q[0] > 0.05 else 1.0)
@@ -532,7 +532,7 @@ def test_a_reference_of_nan_leaves_a_stance_foot_where_it_is(robot: Robot, formu
 
 
 def impossible_arm() -> Robot:
-    """Two hinges whose inertia, as no body's is, is positive definite only where the elbow is bent as at home."""
+    """Two hinges with an impossible inertia: positive definite only near the elbow angle of home."""
     model, carrier = pin.Model(), 0
     for name, inertia in (("shoulder", 0.35), ("elbow", 0.02 - 0.25)):
         place = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
@@ -547,7 +547,7 @@ def impossible_arm() -> Robot:
 
 @pytest.mark.parametrize("over", [0.0, 1.0], ids=["plain", "in a transition"])
 def test_the_native_chain_tells_that_dynamics_fail(over: float) -> None:
-    """An inertia that is none ends at the elimination, within the one native call."""
+    """Report DYNAMICS_FAILED in the one native call: elimination of an indefinite inertia fails."""
     robot = impossible_arm()
     whole = Stack(Level(Position(frame="hand", axes="xy", name="hand")), Level(Posture()))
     run = session(robot, hqp.Torque(effort_limits=False), whole.without("hand") if over else whole)
@@ -594,7 +594,7 @@ def test_absurd_but_finite_states_never_raise(robot: Robot) -> None:
 
 
 def three_links(fault: str = "") -> Robot:
-    """Three turning joints in a row; fault: what is wrong with the middle one, or the masses of which bodies are 0."""
+    """Three revolute joints in series; fault: defect of the middle joint, or bodies without mass."""
     import pinocchio as pin
 
     model, joint = pin.Model(), 0
@@ -652,7 +652,7 @@ def test_a_chain_without_mass_is_found_before_the_loop(formulation: Any) -> None
         assert tick.status is Status.OPTIMAL
         assert np.isfinite(tick.command).all()
     for task, name, robot in (
-        (Com(axes="xy", subtree="j2"), "com", last),  # of the link without mass
+        (Com(axes="xy", subtree="j2"), "com", last),  # the link has no mass
         (Momentum(), "momentum", three_links("no mass")),
     ):
         with pytest.raises(ModelError, match=f"light.*{name}: its Jacobian is not finite"):
@@ -660,7 +660,7 @@ def test_a_chain_without_mass_is_found_before_the_loop(formulation: Any) -> None
 
 
 class SingularAtHome(Posture):
-    """One of the user's own, which has no rows at home."""
+    """User posture without rows at home."""
 
     def jacobian(self, state: Any) -> Any:
         """NaN at home."""
@@ -677,7 +677,7 @@ def test_an_element_of_the_users_is_left_to_the_loop() -> None:
 def test_a_session_leaves_the_states_of_its_robot_as_they_are(robot: Robot) -> None:
     state = robot.state()
     run = hqp.Controller(Stack(Level(Posture()))).session(robot, DT)
-    assert run.step(state).status is Status.OPTIMAL  # no StaleState: what is tried out is tried on a copy
+    assert run.step(state).status is Status.OPTIMAL  # no StaleState: trials use a copy
 
 
 # the program's own errors, threads, pickles -------------------------------------------------------------------------
@@ -742,13 +742,13 @@ def test_the_second_thread_is_refused(robot: Robot) -> None:
 
 
 def test_threads_that_fight_for_a_session_get_right_answers_or_none(robot: Robot) -> None:
-    """Steps, changes and questions from four threads at once: each is refused or as if it were alone."""
+    """Steps, changes and queries from four threads at once: each is refused or correct."""
     run = session(robot, declared=stack())
     hand = run.stack.find("hand", Position)
     goal = robot.state().position("r_palm") + [0.0, 0.0, 0.02]
     alone = session(robot, declared=stack())
     expected = [alone.step(robot.state(), hand.at(goal)).command for _ in range(5)][-1]
-    state = robot.state()  # one for all, as states of a robot share its kinematics
+    state = robot.state()  # shared: states of a robot share its kinematics
     wrong: list[object] = []
     counts = {"taken": 0, "refused": 0}
     interval = sys.getswitchinterval()

@@ -1,4 +1,4 @@
-"""Phases that follow one another by time, by measured loads, by errors and by signals; what is late is told."""
+"""Phases that follow one another by time, measured loads, errors and signals; late phases get a note."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def walked(run: Any, robot: Robot, loads: list[float]) -> list[tuple[str, str]]:
 
 
 def test_times_and_loads_lead_on(robot: Robot) -> None:
-    """A phase lasts ``after``, then until the contact bears its load; elements go with it."""
+    """A phase lasts ``after``, then until the contact bears its load; elements switch with it."""
     run = begin(robot)
     found = walked(run, robot, [50.0] * 3 + [0.0] * 3 + [39.0, 41.0])
     assert found == [
@@ -125,7 +125,7 @@ def test_names_that_are_not_there_are_refused(robot: Robot) -> None:
 
 
 def test_a_phase_without_support_is_refused(robot: Robot) -> None:
-    """A phase that the stack does not name is one in which what has a ``when`` is out."""
+    """A phase that the stack does not name switches off every element with a ``when``."""
     feet = [t.FixedContact(frame=f"{side}_sole", name=side, when="stand") for side in "lr"]
     stack = Stack(Level(t.Posture()), subject_to=feet)
     session = hqp.Controller(stack, hqp.Torque(holding=None)).session(robot, DT)

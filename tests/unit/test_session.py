@@ -1,4 +1,4 @@
-"""The loop: what goes in, what comes out, and what happens when something is wrong."""
+"""The loop: inputs, outputs, and reactions to faults."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_weights_change_the_problem_but_not_a_feasible_answer(robot: Robot, form
 
 
 def test_acceleration_level_matches_forward_kinematics(robot: Robot) -> None:
-    """J x + dJ/dt v is the demanded acceleration, seen by finite differences of the palm's velocity."""
+    """J x + dJ/dt v equals the demanded acceleration by finite differences of the palm's velocity."""
     rng = np.random.default_rng(1)
     hand = Position(frame="r_palm", law=hqp.PD(100.0, 20.0))
     stack = Stack(Level(*feet()), Level(hand), Level(Posture()))
@@ -199,7 +199,7 @@ def test_program_errors_raise_in_the_loop(robot: Robot) -> None:
 
 
 def checked(robot: Robot, tick: hqp.Tick) -> None:
-    """A defined command and the feet untouched."""
+    """Check that the command is finite and the feet do not move."""
     assert np.isfinite(tick.command).all()
     assert tick.solution is not None
     for foot in ("l_sole", "r_sole"):
@@ -229,7 +229,7 @@ def test_a_bad_reference_leaves_its_element_out(robot: Robot, bad: float) -> Non
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Broken(Position):
-    """A user's task whose Jacobian fails at runtime."""
+    """User task with a Jacobian that fails at runtime."""
 
     def jacobian(self, state: Any) -> Any:
         return super().jacobian(state) * np.nan
@@ -294,7 +294,7 @@ def test_contradictory_contacts_are_named(robot: Robot) -> None:
 
 
 def test_rows_that_are_off_are_told_by_their_joints() -> None:
-    """A row wants more of each joint than the limits allow: the note has the worst three, worst first."""
+    """A row needs more of each joint than the limits allow: the note has the worst three, worst first."""
     arm = hqp.robots.load("ur5")
     slow = Stack(subject_to=[Posture(law=P(200.0), name="servo"), JointLimits()])
     home = arm.state(arm.home)
@@ -365,7 +365,7 @@ def test_change_keeps_what_survives(robot: Robot) -> None:
 
 @pytest.mark.parametrize("kind", ["velocity", "torque"])
 def test_a_workspace_is_bound_before_the_first_tick(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half of a first tick of CBi otherwise; so is that of a stack that is changed to."""
+    """Binding took half of CBi's first tick; the workspace of a changed stack is bound early as well."""
     robot, late, ticking = hqp.robots.load("cbi"), list[Any](), False
     bind = StagedWorkspace._bind
 

@@ -1,4 +1,4 @@
-"""What each solver does of its own: formulas, options, failures of a back end."""
+"""Particulars of each solver: formulas, options, failures of a back end."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class TestRecursion:
     def test_the_rank_is_judged_against_the_unprojected_rows(self) -> None:
         row = np.array([[1.0, 2.0, 3.0]])
         recursion = Recursion(3, 1e-9)
-        recursion.solve(np.vstack([row, row + 1e-13]), np.array([1.0, 5.0]), [1, 2])  # what is left is rounding
+        recursion.solve(np.vstack([row, row + 1e-13]), np.array([1.0, 5.0]), [1, 2])  # the remainder is rounding
         assert recursion.ranks == [1, 0]
         assert np.abs(recursion.point()).max() < 1.0
 
@@ -149,7 +149,7 @@ class TestChiaverini:
 
 
 class Broken:
-    """A back end that fails in every way a package can."""
+    """Back end with every failure of a package."""
 
     def __init__(self, how: str) -> None:
         self.how = how

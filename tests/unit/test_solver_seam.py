@@ -1,4 +1,4 @@
-"""Solvers by name, their capabilities, and what all of them share."""
+"""Solvers by name, their capabilities, and their common behaviour."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_workspace_refuses_another_shape() -> None:
 
 
 class Elsewhere(Solver):
-    """A solver of some other package, which is no dataclass."""
+    """Solver of another package, not a dataclass."""
 
     name = "elsewhere"
 

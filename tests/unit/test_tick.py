@@ -1,4 +1,4 @@
-"""What a tick hands out is the caller's own or cannot be written to; interrupts leave a session that works."""
+"""Arrays of a tick belong to the caller or are read-only; a session works after an interrupt."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def stack(formulation: Any, *tasks: Any) -> Stack:
 
 
 def arrays(thing: Any, depth: int = 4) -> Iterator[Any]:
-    """Every array that a tick, a solution, a state or what they give hands out."""
+    """Every array that a tick, a solution, a state or one of their parts exposes."""
     if isinstance(thing, np.ndarray):
         yield thing
     elif isinstance(thing, (tuple, list)):
@@ -57,7 +57,7 @@ def arrays(thing: Any, depth: int = 4) -> Iterator[Any]:
 
 
 def spoil(tick: Tick) -> int:
-    """Write 99 into all that a tick hands out; how many arrays there are."""
+    """Write 99 into every writeable array of a tick; return the number of arrays."""
     count = 0
     for array in arrays(tick):
         count += 1
@@ -74,7 +74,7 @@ KINDS = {
     "held": False,
     "held later": False,
 }
-"""Kinds of ticks: whether a change of stack is under way."""
+"""Kinds of ticks; true during a change of stack."""
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -112,7 +112,7 @@ def test_what_a_tick_hands_out_is_the_callers_own(robot: Robot, formulation: Any
 
 
 def test_hold_values_are_copies(robot: Robot) -> None:
-    """A task that fills one buffer again and again is held where it was."""
+    """Hold the first place of a task that reuses one buffer."""
 
     @dataclass(frozen=True, kw_only=True)
     class Reused(Position):
@@ -141,14 +141,14 @@ def test_a_state_that_is_refused_by_size_cannot_be_advanced_from(robot: Robot, f
 
 
 def interrupted(rng: np.random.Generator, longest: float, *calls: Any) -> int:
-    """Those calls in turn, each ended by a signal after a random time of at most ``longest``; how often one was."""
+    """Run the calls in turn, each with a signal after a random time of at most ``longest``; count the interrupts."""
     count = 0
     for k in range(5000):
         try:
             signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-6, longest))
             calls[k % len(calls)]()
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.getitimer(signal.ITIMER_REAL)  # an alarm of the last moment is raised within these lines
+            signal.getitimer(signal.ITIMER_REAL)  # a last-moment alarm is raised within these lines
         except KeyboardInterrupt:
             count += 1
     return count
@@ -156,7 +156,7 @@ def interrupted(rng: np.random.Generator, longest: float, *calls: Any) -> int:
 
 @pytest.mark.parametrize("rates", [None, RateLimits(velocity=1e4)], ids=["native", "general"])
 def test_an_interrupt_anywhere_leaves_a_session_that_works(robot: Robot, rates: Any) -> None:
-    """Of 1266 interrupts 10 left one that said ConcurrentUse for ever after."""
+    """In 1266 interrupts, 10 left a session that raised ConcurrentUse in every later call."""
     robot, twin = robot.copy(), robot.copy()
     whole, more = stack(None), stack(None, HAND, Position(frame="wrist_1_link", name="wrist"))
     run, alone = (hqp.Controller(whole, deadline=np.inf, rates=rates).session(r, 0.002) for r in (robot, twin))

@@ -1,4 +1,4 @@
-"""Notes and explanations name what holds a hand back, and name the same: limits, its price, its reach, or nothing."""
+"""Notes and explanations name the same cause for a hand that stays short: limits, price, reach, or none."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DT, START = 0.005, np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def driven(place: tuple[float, float, float], ticks: int, gain: float = 80.0) -> tuple[hqp.Tick, float]:
-    """The last tick of a UR3 whose hand keeps its orientation and is asked for a place, and its distance [m]."""
+    """Last tick of a UR3 whose hand keeps its orientation and has a target position, and its distance [m]."""
     robot = hqp.robots.load("ur3")
     hand = Pose(frame="tool0", law=P(gain), name="hand")
     stack = Stack(Level(hand), Level(Posture(law=P(1.0), name="posture")), subject_to=[JointLimits(name="limits")])
