@@ -51,11 +51,9 @@ CEILINGS = {
     "tests/properties": (105, 170, 15, 65),
     "tests/robots": (65, 110, 15, 90),
     "tests/scenes": (110, 70, 50, 40),
-    "tests/solvers": (105, 100, 15, 60),
     "tests/tasks": (55, 100, 15, 80),
     "tests/teleoperation": (130, 115, 15, 100),
     "tests/torque": (30, 90, 60, 10),
-    "tests/unit": (100, 135, 60, 85),
     "tests/viewer": (30, 200, 15, 10),
     "tests/walking": (30, 105, 15, 130),
 }  # fmt: skip

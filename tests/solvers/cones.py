@@ -12,15 +12,15 @@ from hqp import Hierarchy, Motion, Rows
 from hqp.arrays import Mat, Vec
 
 MET = 1e-7
-"""||w|| below this is zero to the accuracy of the cone solver."""
+"""Tolerance on ||w||: a smaller residual is zero to the accuracy of the cone solver."""
 
 
 @dataclass
 class Oracle:
-    """The stage points of a hierarchy, one level after the other; x of the last is the answer but for completion.
+    """Stage points of a hierarchy, level by level; the last x is the solution before completion.
 
-    doubtful: a level was met or not by less than the cone solver can tell, or it did not reach its accuracy.
-    worse: by how much more than the best the points that are followed cost in their stages, relative to 1 + that.
+    doubtful: a level's residual is within the cone solver's accuracy of zero, or the solver missed its accuracy. worse:
+    excess of the stage costs of the followed points over the best, relative to 1 + best.
     """
 
     problem: Hierarchy
@@ -31,8 +31,11 @@ class Oracle:
     unmet: list[tuple[Rows, float, Vec, Vec]] = field(default_factory=list)
 
     def solve(self, followed: Mat | None = None) -> Oracle:
-        """followed: ``(levels, n)`` points that are handed down instead, NaN for none: a cone solver's own stage point
-        is right to the square root of its accuracy, and the levels below it multiply that."""
+        """Solve level by level.
+
+        followed: ``(levels, n)`` points to hand down instead, NaN for none. A cone solver's own stage point has an
+        error of the square root of its accuracy, and lower levels multiply that error.
+        """
         problem = self.problem
         for k, rows in enumerate(problem.levels):
             price = 0.0 if problem.prices is None else float(problem.prices[k])
@@ -46,7 +49,7 @@ class Oracle:
         return self
 
     def objective(self, rows: Rows, price: float, x: Vec) -> float:
-        """What the stage of a level makes least, below the levels handled so far."""
+        """Stage objective of a level, below the levels handled so far."""
         size = float(np.linalg.norm(rows.slack(x)))
         motion = self.problem.motion or Motion(np.ones(x.size))
         value = size + price * motion(x) if price > 0.0 else 0.5 * size**2
@@ -134,7 +137,7 @@ class Oracle:
             self.hard.append((A, low, high))
 
     def _left(self) -> Mat:
-        """The projection onto what F sees of the directions that the equality rows of S leave."""
+        """Projection onto the image under F of the null space of S's equality rows."""
         F = self._F()
         rows = [np.zeros((0, self.problem.n)), *(A[low == high] for A, low, high in self.hard)]
         seen, sigma, _ = np.linalg.svd(F @ _null_space(np.concatenate(rows)))

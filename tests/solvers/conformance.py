@@ -1,4 +1,4 @@
-"""What every solver owes, whatever its name: told by its capabilities and accuracy, judged by the certificate.
+"""Contract of every solver by its capabilities and accuracy, judged by the certificate.
 
 A new solver enters through ``hqp.solvers.available()``; one that has variants adds them to VARIANTS.
 """
@@ -18,15 +18,15 @@ from hqp.problem import EQUALITY
 from hqp.solvers import Solver
 
 SOLVED_SHARE = 0.98
-"""A strict solver must solve at least this share of the problems it supports; the others it must mark."""
+"""Least share of supported problems that a strict solver must solve; it must mark the others."""
 
 VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {}
-"""Further options under which a solver of that name is held to the suite."""
+"""Options by solver name that the suite tests in addition."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A solver under test."""
+    """Solver under test."""
 
     name: str
     options: dict[str, Any] = field(default_factory=dict)
@@ -35,12 +35,12 @@ class Subject:
         return self.name + "".join(f"-{key}={value}" for key, value in self.options.items())
 
     def load(self) -> Solver:
-        """The solver."""
+        """Load the solver."""
         return hqp.solvers.load(self.name, **self.options)
 
 
 def subjects() -> list[Subject]:
-    """Every solver that is available here, the reference, and their variants."""
+    """Available solvers, the reference, and their variants."""
     found = []
     for name in (*hqp.solvers.available(), "reference"):
         found.append(Subject(name))
@@ -49,13 +49,13 @@ def subjects() -> list[Subject]:
 
 
 def supports(solver: Solver, problem: Hierarchy) -> bool:
-    """Whether the solver's capabilities cover the problem."""
+    """Return true if the solver's capabilities cover the problem."""
     shape = problem.shape
     return (solver.inequalities or not shape.inequalities) and (solver.metric or not (shape.metric or shape.origin))
 
 
 def check(solver: Solver, problem: Hierarchy) -> Solution | None:
-    """Hold the solver to its contract on one problem; None where it refuses it, as its capabilities say it must."""
+    """Hold the solver to its contract on one problem; return None if it must refuse the problem."""
     if not supports(solver, problem):
         with pytest.raises(UnsupportedProblem):
             solver.workspace(problem.shape)
@@ -74,7 +74,7 @@ def check(solver: Solver, problem: Hierarchy) -> Solution | None:
 
 
 def check_form(problem: Hierarchy, solution: Solution) -> None:
-    """Shapes, finiteness, and residuals and activity that follow from x."""
+    """Check shapes, finiteness, and residuals and activity that follow from x."""
     assert solution.x.shape == (problem.n,)
     assert np.isfinite(solution.x).all()
     assert len(solution.residuals) == len(solution.active) == len(problem.levels)
@@ -90,7 +90,7 @@ def check_form(problem: Hierarchy, solution: Solution) -> None:
 
 
 def check_untouched(problem: Hierarchy, before: Hierarchy) -> None:
-    """A solver may not write into the problem."""
+    """Check that the solver did not write into the problem."""
     for rows, old in zip(problem.levels, before.levels, strict=True):
         np.testing.assert_array_equal(rows.dense(problem.n), old.dense(problem.n))
         np.testing.assert_array_equal(rows.lower, old.lower)
@@ -98,7 +98,7 @@ def check_untouched(problem: Hierarchy, before: Hierarchy) -> None:
 
 
 def check_violation(problem: Hierarchy, solution: Solution) -> None:
-    """CONSTRAINTS_VIOLATED is said when, and only when, a leading constraint level is off its bounds."""
+    """CONSTRAINTS_VIOLATED is reported if and only if a leading constraint level violates its bounds."""
     worst = max((float(np.abs(w).max(initial=0.0)) for w in solution.residuals[: problem.constraints]), default=0.0)
     if solution.status is Status.CONSTRAINTS_VIOLATED:
         assert worst > 0.0
@@ -107,7 +107,7 @@ def check_violation(problem: Hierarchy, solution: Solution) -> None:
 
 
 def check_share(solver: Solver, problems: tuple[Hierarchy, ...]) -> None:
-    """Hold the solver to its contract on all of them, and to solving nearly all if it calls itself strict."""
+    """Hold the solver to its contract on all problems; a strict solver must solve nearly all."""
     outcomes = [solution for problem in problems if (solution := check(solver, problem)) is not None]
     solved = sum(solution.status.solved for solution in outcomes)
     if solver.strict and outcomes:

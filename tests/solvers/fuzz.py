@@ -1,7 +1,7 @@
 """Random hierarchies of many kinds, solved and judged by the certificate: ``python -m tests.solvers.fuzz``.
 
-Every answer that calls itself solved must pass the certificate; a problem solved again in the same workspace must give
-the same level norms.  A failure is told as ``kind seed tick``, and ``problem(kind, seed)`` makes it again.
+Every solved answer must pass the certificate; a second solve in the same workspace must give the same level norms.  A
+failure is printed as ``kind seed tick``; ``problem(kind, seed)`` reproduces it.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from hqp import Hierarchy, Solution, Status, certificate
 from tests.scenes.kinds import KINDS, problem
 
 TOLERANCES = (1e-6, 1e-8)
-"""An answer is wrong if the certificate refuses it at all of these; the looser one reads activity more loosely too."""
+"""An answer is wrong if the certificate refuses it at every tolerance; the looser one also reads activity loosely."""
 
 AGREEMENT = 1e-8
-"""Norms of two solves of one problem may differ by this, relative to the terms of the level."""
+"""Allowed difference of norms between two solves of one problem, relative to the terms of the level."""
 
 
 @dataclass
 class Count:
-    """What was found on one kind."""
+    """Results on one kind."""
 
     problems: int = 0
     status: Counter[str] = field(default_factory=Counter)
@@ -40,7 +40,7 @@ class Count:
 
 
 def scales(problem: Hierarchy, x: np.ndarray) -> np.ndarray:
-    """Size of the terms of every level at x, the unit in which its norm is compared."""
+    """Size of the terms of each level at x: the unit of its norm."""
     return np.array(
         [
             1e-300 + float(np.max(np.abs(rows.dense(problem.n)) @ np.abs(x) + np.abs(rows.slack(x)), initial=0.0))
@@ -50,12 +50,12 @@ def scales(problem: Hierarchy, x: np.ndarray) -> np.ndarray:
 
 
 def differ(problem: Hierarchy, a: Solution, b: Solution) -> bool:
-    """Whether two answers disagree on a norm."""
+    """Return true if two answers differ in a norm."""
     return bool(np.any(np.abs(a.norms - b.norms) > AGREEMENT * scales(problem, a.x)))
 
 
 def run(kinds: list[str], start: int, count: int, seconds: float, **options: object) -> dict[str, Count]:
-    """Solve ``count`` problems of every kind, from seed ``start`` on, at most for so many seconds."""
+    """Solve ``count`` problems of every kind from seed ``start``, for at most ``seconds``."""
     solver, found = hqp.solvers.load("lexicographic", **options), {name: Count() for name in kinds}
     begin = time.perf_counter()
     seed = start

@@ -1,4 +1,4 @@
-"""Priced answers beside cone programs that are written from the equations alone."""
+"""Priced answers against cone programs written from the equations alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.solvers.cones import Oracle
 pytest.importorskip("clarabel")
 
 COUNT = 16
-"""Problems drawn; 5 000 take an hour."""
+"""Number of drawn problems; 5 000 take an hour."""
 
 
 def draw(rng: Generator) -> Hierarchy:
@@ -50,7 +50,7 @@ def draw(rng: Generator) -> Hierarchy:
 
 
 def _apart(problem: Hierarchy, x: Vec, y: Vec) -> float:
-    """How far the rows of the levels are apart at two points, relative to their size."""
+    """Largest difference of the rows at two points, relative to their size."""
     dense = [rows.dense(problem.n) for rows in problem.levels]
     return max(float(np.abs(A @ (x - y)).max() / (1.0 + np.abs(A @ x).max())) for A in dense)
 
@@ -77,7 +77,7 @@ def test_answers_are_those_of_the_cone_programs(name: str) -> None:
 
 @pytest.mark.parametrize("seed", [131, 360, 553, 2031, 2472, 3823])
 def test_answers_far_away_pass_the_certificate(seed: int) -> None:
-    """By 1e3 to 1e5, or at a bound off by 3e-10; directions without motion count nothing however far they go."""
+    """Optima at a distance of 1e3 to 1e5, or at a bound missed by 3e-10; directions without motion cost nothing."""
     problem = draw(np.random.default_rng(seed))
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert certificate(problem, solution.x, 1e-8, solution.stage_points).ok

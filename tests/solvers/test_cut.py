@@ -1,4 +1,4 @@
-"""A search that is cut gives the lexicographically better of its point and the last answer, clipped into the box."""
+"""A cut search returns the lexicographically better of its point and the last answer, clipped into the box."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def is_worse(problem: Hierarchy, x: np.ndarray, last: np.ndarray) -> bool:
 
 
 def boxed(problem: Hierarchy, rng: np.random.Generator) -> Hierarchy:
-    """The problem below a box, as robots have it."""
+    """The problem below a box, as for robots."""
     n = problem.n
     room = rng.uniform(0.2, 2.0, n)
     return Hierarchy((Rows(Selection(np.arange(n)), -room, room), *problem.levels), constraints=1)
 
 
 def next_tick(problem: Hierarchy, rng: np.random.Generator, by: float = 1.0) -> Hierarchy:
-    """Another one near it, whose last answer is no longer in the box."""
+    """Problem near the given one, with a last answer outside the box."""
     levels = []
     for rows in problem.levels:
         moved = by * rng.normal(0.0, 0.1, rows.m)
@@ -50,7 +50,7 @@ def next_tick(problem: Hierarchy, rng: np.random.Generator, by: float = 1.0) -> 
 
 
 def cut_answers(solver: Lexicographic, seconds: float, prices: float, by: float = 1.0) -> tuple[int, int]:
-    """How many answers of loops were cut, and how many of these are worse than the last one; by: of the changes."""
+    """Count cut answers of loops, and those that are worse than the last answer; by: size of the changes."""
     cut = worse = 0
     for kind in KINDS:
         for seed in range(4):
@@ -69,7 +69,7 @@ def cut_answers(solver: Lexicographic, seconds: float, prices: float, by: float 
                     told, own = (np.concatenate(w) for w in (solution.residuals, problem.slacks(solution.x)))
                     np.testing.assert_allclose(told, own, rtol=0.0, atol=1e-9)
                 last = solution.x.copy()
-                solution.x[:] = np.nan  # the caller's own
+                solution.x[:] = np.nan  # the caller owns it
                 problem = next_tick(problem, rng, by)
     return cut, worse
 
@@ -115,7 +115,7 @@ def test_nothing_of_the_last_answer_is_left_after_a_reset() -> None:
 
 
 def priced_loops() -> Iterator[tuple[Hierarchy, np.random.Generator, Any]]:
-    """Priced problems of which some level is not met, refilled in place by the caller, and a workspace that knows."""
+    """Priced problems with an unmet level, refilled in place, and a workspace with their last solution."""
     for kind in KINDS:
         for seed in range(6):
             rng = np.random.default_rng(seed)
@@ -136,7 +136,7 @@ def move(problem: Hierarchy, rng: np.random.Generator, by: float) -> None:
 
 
 def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
-    """Else the next begins with all levels, far out of reach too slow for the deadline as well: cut for ever."""
+    """Otherwise the next solve begins with all levels, misses the deadline again, and never ends."""
     kept = met = 0
     for problem, rng, workspace in priced_loops():
         head = workspace.native.head
@@ -145,7 +145,7 @@ def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
         assert workspace.solve(problem).status is Status.TIME_LIMIT
         after = workspace.native.head
         kept += after > 0
-        if after == 0:  # the levels above were solved all the same, and that level was found to be met
+        if after == 0:  # the levels above were solved, and that level was met
             fresh: Any = Lexicographic().workspace(problem.shape)
             fresh.solve(problem)
             assert fresh.native.head != head
@@ -156,7 +156,7 @@ def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
 
 @pytest.mark.parametrize("native", [False, True], ids=["general", "kernel"])
 def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None:
-    """Else every solve spends its time on that level before it begins with all of them: cut for ever."""
+    """Otherwise every solve spends its time on that level before it begins with all of them, and never ends."""
     seen = 0
     for problem, _, workspace in priced_loops():
         kernel: Any = workspace.kernel(problem) if native else None
@@ -171,7 +171,7 @@ def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None
 
 
 def test_stages_begin_with_the_latest_working_set() -> None:
-    """Those of a problem that has moved a little take fewer steps than from nothing."""
+    """Stages of a slightly changed problem take fewer steps from the latest working set than from none."""
     warm = cold = 0
     for problem, rng, workspace in priced_loops():
         for by in (0.03, 0.03, 0.03, 0.1, 0.1, 0.1):
@@ -185,7 +185,7 @@ def test_stages_begin_with_the_latest_working_set() -> None:
 
 
 def out_of_reach(deadline: float) -> tuple[Any, Any]:
-    """A session of G1 whose hand is asked out of reach, after four ticks, and the hand's task."""
+    """G1 session with an unreachable hand target, after four ticks, and the hand's task."""
     robot, hand = hqp.robots.load("g1"), hqp.tasks.Position(frame="right_wrist_yaw_link", name="hand")
     feet = [hqp.tasks.FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
     stack = hqp.Stack(hqp.Level(hand), hqp.Level(hqp.tasks.Posture()), subject_to=[*feet, hqp.tasks.JointLimits()])

@@ -1,4 +1,4 @@
-"""Deadlines reach every part of a solve, and what has none ends after a number of steps, not after a time."""
+"""Deadlines stop every part of a solve; parts without a deadline end after a number of steps, not after a time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_solver_with_a_deadline_gives_no_second_opinion_of_priced_levels(
     for module in (lexicographic, stages):
         monkeypatch.setattr(module, "second_opinion", forbid)
     with pytest.raises(AssertionError, match="second opinion"):
-        Lexicographic().solve(problem)  # asks for one
+        Lexicographic().solve(problem)  # calls the second opinion
     solution = Lexicographic(deadline=1e-6).solve(problem)
     assert solution.status is Status.TIME_LIMIT
     assert np.isfinite(solution.x).all()
@@ -49,7 +49,7 @@ def test_a_solver_with_a_deadline_gives_no_second_opinion_of_priced_levels(
 
 @pytest.mark.parametrize("name", ["cbi", "g1", "talos"])
 def test_the_first_ticks_have_a_deadline_too(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They took up to 3 s at a deadline of 1.6 ms, for second opinions on infeasible torque stacks."""
+    """They took up to 3 s at a deadline of 1.6 ms: second opinions on infeasible torque stacks."""
     robot = robots.load(name)
     session = Controller(overloaded(robot), Torque()).session(robot, 0.002)
     for module in (lexicographic, stages):
@@ -60,7 +60,7 @@ def test_the_first_ticks_have_a_deadline_too(name: str, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("problem", [drawn_problem("vertex", 2)[0], priced("plain", 1)], ids=["exact", "priced"])
 def test_second_opinions_do_not_look_at_the_clock(problem: Hierarchy, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the reference may take is a count, so that a slow machine gives the same status and x."""
+    """The reference is limited by a count, so that a slow machine gives the same status and x."""
     found = Lexicographic().solve(problem)
     wrong = replace(found, x=found.x + 1.0, residuals=found.residuals, active=found.active, stage_points=None)
     right = second_opinion.second_opinion(problem, wrong)

@@ -59,7 +59,7 @@ def found3(name: str) -> Hierarchy:
 
 @needs_kernel
 def test_a_direction_that_growth_casts_doubt_on_is_taken_where_it_meets_more() -> None:
-    """The second level was left unmet by 3.9, the third by 12, and called optimal."""
+    """The second level was left unmet by 3.9, the third by 12, with status OPTIMAL."""
     problem = found3("exact_optimal_equality_unmet_n27")
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status is Status.RANK_UNCERTAIN
@@ -82,7 +82,7 @@ def test_rows_too_far_apart_to_be_judged_are_not_called_optimal() -> None:
 
 
 def test_a_level_that_could_fall_along_a_short_direction_is_refused() -> None:
-    """A gradient of 4e-9, relative: 1e-4 of a long row is what the level above leaves, and enough to meet it."""
+    """A relative gradient of 4e-9: the level above leaves 1e-4 of a long row free, enough to meet it."""
     above, row = 1e5 * np.eye(5)[:3], np.array([[1e5, 0.0, 0.0, 10.0, 0.0]])
     problem = Hierarchy((Rows(above, np.zeros(3), np.zeros(3)), Rows(row, np.array([3.0]), np.array([3.0]))))
     assert certificate(problem, np.array([0.0, 0.0, 0.0, 0.3, 0.0]), 1e-8).ok
@@ -125,7 +125,7 @@ def test_fuzz(kind: str) -> None:
     ["near_parallel 40224", "near_parallel 40283", "near_parallel 41116", "near_parallel 60536", "conflicts 62675"],
 )
 def test_nearly_parallel_rows_end_in_an_answer_that_passes(name: str) -> None:
-    """Refused, or answered wrongly, while the kernel's own rank tolerance was the only one tried."""
+    """They were refused or wrong while the search tried only the kernel's own rank tolerance."""
     kind, seed = name.split()
     problem = drawn_problem(kind, int(seed))[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
@@ -136,7 +136,7 @@ def test_nearly_parallel_rows_end_in_an_answer_that_passes(name: str) -> None:
 @needs_kernel
 @pytest.mark.parametrize("seed", [301651, 305643, 316400, 317864, 325916, 332014])
 def test_a_slack_below_its_error_decides_no_sign(seed: int) -> None:
-    """Inequalities of one level, nearly parallel: a row met but for 1e-5 to 1e-11 decided its own sign, undoubted."""
+    """Nearly parallel inequalities of one level: a residual of 1e-5 to 1e-11 decided its own sign without doubt."""
     problem = drawn_problem("near_parallel", seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert not solution.status.solved or certificate(problem, solution.x, 1e-8).ok
@@ -145,7 +145,7 @@ def test_a_slack_below_its_error_decides_no_sign(seed: int) -> None:
 @needs_kernel
 @pytest.mark.parametrize("seed", [706657, 701991])
 def test_two_opposite_rows_that_hold_the_optimum_far_away(seed: int) -> None:
-    """The first multiplier lowers the least squares by nothing that can be seen, the second by all of it."""
+    """The first multiplier reduces the least squares by less than rounding, the second by all of it."""
     problem = drawn_problem("near_parallel", seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
@@ -155,7 +155,7 @@ def test_two_opposite_rows_that_hold_the_optimum_far_away(seed: int) -> None:
 @needs_kernel
 @pytest.mark.parametrize("name", ["row_scales 1901480", "level_scales 1902071"])
 def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
-    """One level, or two: the search once stopped while the completion still asked for the nearest point."""
+    """With one level, or two, the search stopped while the completion still sought the nearest point."""
     kind, seed = name.split()
     problem = drawn_problem(kind, int(seed))[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
@@ -164,7 +164,7 @@ def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
 
 
 def _solved_and_certified(kind: str, seed: int, tolerances: Sequence[float]) -> None:
-    """A problem of the fuzz is solved, and its answer passes the certificate at one of the tolerances."""
+    """Solve a problem of the fuzz; the answer passes the certificate at one of the tolerances."""
     problem = drawn_problem(kind, seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
@@ -174,8 +174,8 @@ def _solved_and_certified(kind: str, seed: int, tolerances: Sequence[float]) -> 
 @needs_kernel
 @pytest.mark.parametrize("seed", [2007166, 2020853, 2056136])
 def test_levels_that_conflict_and_are_nearly_singular(seed: int) -> None:
-    """A rank that the kernel's own verdict rests on lay within 20 of its tolerance (the first two: 8e-10, 1.00001e-10);
-    a row of length 1e-9 made a multiplier of 4e-8 in the level above it count as rounding."""
+    """The certificate relied on a rank within a factor of 20 of its tolerance (first two: 8e-10, 1.00001e-10); a row of
+    length 1e-9 made a multiplier of 4e-8 in the level above count as rounding."""
     _solved_and_certified("conflicts", seed, fuzz.TOLERANCES)
 
 
@@ -191,33 +191,33 @@ def test_levels_that_conflict_and_are_nearly_singular(seed: int) -> None:
     ],
 )
 def test_a_direction_near_the_rank_tolerance_may_count_or_not(name: str) -> None:
-    """Some of 4e-11 to 3e-10 beside others of 1e-7: NOT_CERTIFIED while the certificate read them one way."""
+    """Directions of 4e-11 to 3e-10 beside others of 1e-7: NOT_CERTIFIED while the certificate used one rank only."""
     kind, seed = name.split()
     _solved_and_certified(kind, int(seed), fuzz.TOLERANCES)
 
 
 @needs_kernel
 def test_a_slack_that_is_rounding_of_its_terms_holds_nothing() -> None:
-    """At x = 4e6 goals met but for 1e-9 gave two opposite constraints multipliers of 1.5e-13, which fixed them."""
+    """At x = 4e6, goals missed by 1e-9 gave two opposite constraints multipliers of 1.5e-13, which fixed them."""
     _solved_and_certified("near_parallel", 4011661, (1e-8,))
 
 
 @needs_kernel
 def test_a_direction_that_is_none_decides_no_sign() -> None:
-    """A row parallel to one above but for 5e-11 gave a constraint nearly along it a multiplier 3000 times as large."""
+    """A row within 5e-11 of parallel to one above gave a constraint nearly along it a 3000 times larger multiplier."""
     _solved_and_certified("near_parallel", 3076326, (1e-8,))
 
 
 @needs_kernel
 def test_large_multipliers_of_rows_nearly_parallel_do_not_hide_one_more() -> None:
-    """Of 4e5 and of columns that agree but for 1e-7: what they left of the gradient was rounding, and a right answer
-    was refused."""
+    """Multipliers of 4e5 on columns that differ by 1e-7 left a gradient of rounding size, and a right answer was
+    refused."""
     _solved_and_certified("near_parallel", 3189278, (1e-8,))
 
 
 @needs_kernel
 def test_a_short_row_below_does_not_widen_the_bounds_above() -> None:
-    """The goal of the second level is 3e9 away: a bound exceeded by 2e-5 once counted as met because of it."""
+    """The goal of the second level is 3e9 away: a bound violated by 2e-5 once counted as met because of it."""
     upper = np.array([1.0, 1e-9])
     problem = Hierarchy(
         (

@@ -1,4 +1,4 @@
-"""The lexicographic solver: certified answers, warm starts, caps, statuses, options; beside the textbook reference."""
+"""The lexicographic solver: certified answers, warm starts, caps, statuses, options; against the textbook reference."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_the_textbook_reference_agrees() -> None:
         problem = random_hierarchies.hierarchy(seed, largest=20)
         kernel, reference = Lexicographic().solve(problem), Reference().solve(problem)
         if kernel.status is Status.RANK_UNCERTAIN:
-            continue  # each judges its own pivots
+            continue  # pivots differ between the two
         assert kernel.status is reference.status, seed
         np.testing.assert_allclose(kernel.x, reference.x, rtol=0.0, atol=1e-6 * (1.0 + abs(reference.x).max()))
         compared += 1
@@ -121,7 +121,7 @@ def test_bounds_hold_exactly() -> None:
 
 
 def test_a_long_row_along_a_long_x_is_held_to_its_own_terms() -> None:
-    """900 x_1 <= 27 is not passed by 3e-7 because x_0 is 90: the row of a light joint among large torques."""
+    """900 x_1 <= 27 is not exceeded by 3e-7 because x_0 is 90: the row of a light joint among large torques."""
     limit = Rows(np.array([[1e-3, 900.0]]), np.array([-np.inf]), np.array([27.0]))
     large = Rows(np.array([[1.0, 0.0]]), np.array([90.0]), np.array([90.0]))
     beyond = Rows(np.array([[1e-3, 900.0]]), np.array([27.0 + 3e-7]), np.array([27.0 + 3e-7]))
@@ -207,7 +207,7 @@ def test_time_limit() -> None:
 
 @pytest.mark.parametrize(("goal", "status"), [([1.0, 1.0], Status.RANK_UNCERTAIN), ([0.0, 0.0], Status.OPTIMAL)])
 def test_a_rank_decision_near_the_tolerance_is_told(goal: list[float], status: Status) -> None:
-    """Where it matters: 1e-12 of a goal of 1 is 3e-4 of x along the second row's direction, of a goal of 0 nothing."""
+    """Report it if it changes x: with a goal of 1, 1e-12 moves x by 3e-4 along the second row; with 0, not at all."""
     A = np.array([[1.0, 0.0], [1.0, 3e-9]])
     problem = Hierarchy((Rows(A, np.array(goal), np.array(goal)),))
     for ticks in (False, True):

@@ -1,4 +1,4 @@
-"""The kernel alone: no allocation, threads, the binding against nonsense."""
+"""The kernel alone: no allocation, threads, invalid arguments of the binding."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def made(n: int, rows: list[int], metric: bool = False) -> native.Workspace:
 
 
 def hierarchy(n: int, *levels: tuple[Any, Any, Any], metric: object = None, origin: object = None) -> SimpleNamespace:
-    """What the kernel reads of a Hierarchy, unchecked."""
+    """Attributes that the kernel reads from a Hierarchy, unchecked."""
     rows = tuple(SimpleNamespace(A=A, lower=lower, upper=upper) for A, lower, upper in levels)
     return SimpleNamespace(n=n, levels=rows, constraints=0, metric=metric, origin=origin)
 
@@ -57,7 +57,7 @@ def test_the_parts_of_the_kernel_alone(tmp_path: Path) -> None:
 
 
 def test_what_rounding_leaves_of_a_met_level_is_no_doubt() -> None:
-    """Coordinates that levels above have determined, as the first part of a posture has them: no verdict is needed."""
+    """Coordinates fixed by levels above, as in the first part of a posture, need no certificate."""
     solver = Lexicographic()
     for seed in range(300):
         rng = np.random.default_rng(seed)
@@ -198,6 +198,6 @@ def test_bound_arrays_outlive_their_names() -> None:
     workspace = made(50, [50])
     for value in range(200):
         assert workspace.take(hierarchy(50, (np.eye(50), np.full(50, float(value)), np.full(50, float(value)))))
-        np.zeros(2500)  # may take the memory of what was dropped
+        np.zeros(2500)  # may reuse the memory of the dropped arrays
         workspace.solve()
         np.testing.assert_array_equal(workspace.values()[:50], float(value))

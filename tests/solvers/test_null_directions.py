@@ -1,8 +1,8 @@
-"""Directions that no level sees are left to the least norm: rounding along them decides nothing.
+"""Directions outside the rows of every level get the least norm: rounding along them decides nothing.
 
 tests/data/internal.npz: a torque tick of simple_humanoid on both feet, legs nearly straight, as an exact hierarchy:
 torque limits, joint limits, a contact's range, CoM, hand, base, posture (A, l, u), metric.  A row of the base has a
-length of 1.2e-9 and sees internal forces by 2e-16; 994 N m of them were once spent on that.
+length of 1.2e-9 and entries of 2e-16 along internal forces; it once took 994 N m of them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def tick() -> Hierarchy:
 
 
 def internal(metric: Mat) -> Mat:
-    """Directions along which the metric is flat, ``(n, r)``."""
+    """Null space of the metric, ``(n, r)``."""
     values, vectors = np.linalg.eigh(metric)
     return np.asarray(vectors[:, values < 1e-12 * values[-1]])
 
@@ -59,7 +59,7 @@ def test_internal_forces_of_a_humanoid_are_of_least_norm(name: str) -> None:
 
 
 def test_internal_forces_beyond_the_least_norm_are_refused() -> None:
-    """Every level is the same but for 1e-13, and so is the metric: only the last stage can tell."""
+    """Every level and the metric agree to 1e-13: only the last stage can refuse them."""
     problem = tick()
     assert problem.metric is not None
     x = hqp.solvers.load("reference").solve(problem).x
@@ -72,9 +72,9 @@ def test_internal_forces_beyond_the_least_norm_are_refused() -> None:
 
 
 def redundant(rng: Generator) -> tuple[Hierarchy, Mat]:
-    """Levels that see x through X x only, but for rounding, below bounds on x; and what X does not see, ``(n, r)``.
+    """Levels with rows A X up to rounding, below bounds on x; and the null space of X, ``(n, r)``.
 
-    One row of a middle level is short by 1e-6 to 1e-10, or agrees with another but for 1e-6 to 1e-9.
+    One row of a middle level has a length of 1e-6 to 1e-10, or differs from another by 1e-6 to 1e-9.
     """
     n = int(rng.integers(6, 14))
     r = int(rng.integers(3, n - 1))
@@ -106,7 +106,7 @@ def redundant(rng: Generator) -> tuple[Hierarchy, Mat]:
 @pytest.mark.slow
 @pytest.mark.skipif(lexicographic.kernel() == "", reason="built without the native kernel")
 def test_what_no_level_sees_is_zero() -> None:
-    """Of 300, 20 went along such directions as far as the bounds let them, as rounding of the levels said."""
+    """20 of 300 went along such directions up to the bounds, because of rounding in the levels."""
     solver, uncertain = hqp.solvers.load("lexicographic"), 0
     for seed in range(300):
         problem, Z = redundant(default_rng(seed))

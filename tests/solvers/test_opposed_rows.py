@@ -1,4 +1,4 @@
-"""Two feet at the edges of their friction cones: what no level determines is one answer, whatever was solved before."""
+"""Two feet at the edges of their friction cones: the completion is unique, independent of earlier solves."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tests.scenes.stacks import scene
 )
 @pytest.mark.parametrize("name", ["talos", "g1"])
 def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
-    """The soles are turned against each other by 1e-10 to 1e-6 rad, so that rows of their cones are nearly opposed.
+    """The soles are rotated against each other by 1e-10 to 1e-6 rad, so that rows of their cones are nearly opposed.
 
-    What is sure is one answer. Of the others a rounding of the start decides: at most two of 22 are apart or refused.
+    Certain answers are unique. Rounding of the start decides the others: at most two of 22 differ or are refused.
     """
     session, given = scene(name, "torque")
     robot, solver = session.robot, hqp.solvers.load("lexicographic")
@@ -27,7 +27,7 @@ def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
     for i in range(34):
         tick = session.step(robot.state(q, v), *given(i))
         assert tick.status.solved, (i, tick.detail)
-        if i % 3 != 0:  # two of three, so that it takes half the time
+        if i % 3 != 0:  # two of three: halves the time
             cold = solver.solve(session.problem)
             differs = np.abs(tick.x - cold.x).max() >= 1e-4 * np.abs(cold.x).max()
             fails = not certificate(session.problem, cold.x, 1e-8, cold.stage_points).ok
@@ -39,7 +39,7 @@ def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
 
 
 def test_a_stage_point_that_is_moved_is_refused() -> None:
-    """By 1e-7 of its motion, along its rows: the bound on the rounding of products hides no error of that size."""
+    """It is moved by 1e-7 of its motion along its rows: the rounding bound of products is smaller than that."""
     session, given = scene("talos", "torque")
     solver, rng = hqp.solvers.load("lexicographic"), np.random.default_rng(0)
     session.step(session.robot.state(session.robot.home), *given(0))

@@ -1,4 +1,4 @@
-"""Levels with a price: stored optima, one family for all solvers, the certificate, and continuity beside exact ones."""
+"""Priced levels: stored optima, one family for all solvers, the certificate, continuity next to exact levels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FAMILIES = tuple(continuity.FAMILIES)
 
 
 def stored(i: int) -> tuple[Hierarchy, Vec]:
-    """One of twenty problems, and the optimum of its first priced stage on which two other implementations agree."""
+    """One of twenty problems, and the optimum of its first priced stage, confirmed by two other implementations."""
     p = f"p{i:02d}_"
     box, count = STORED[p + "box"], int(STORED[p + "levels"])
     levels = [Rows(Selection(np.arange(box.size)), -box, box)]
@@ -73,7 +73,7 @@ def test_every_solver_meets_the_conditions_of_every_stage(name: str, family: str
 
 
 def as_stored(seed: int, dense: bool, mixed: bool, unit: float) -> Hierarchy:
-    """A box, a hand out of reach, a base and a posture: their form, their order, and the unit of what has a price."""
+    """Box, unreachable hand, base and posture in several forms, orders and units of the priced level."""
     rng, n = np.random.default_rng(seed), 6
     drawn = rng.permutation(n)
     order = drawn if mixed else np.arange(n)
@@ -123,7 +123,7 @@ def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:
         problem = random_problem(rng, ("plain", "beyond", "contradictory")[seed % 3], inequalities=False)
         n = problem.n
         motion = Motion(rng.standard_normal((n - 1, n)), rng.standard_normal(n - 1))
-        # rows of motion, as J X at torque level: they see no direction in which nothing moves
+        # rows of motion, as J X at torque level: they have no component along directions without motion
         moved = [Rows(r.dense(n) @ np.linalg.pinv(motion.F) @ motion.F, r.lower, r.upper) for r in problem.levels]
         factor = rng.standard_normal((n - 1, n))
         problem = replace(
@@ -152,7 +152,7 @@ def test_entries_that_rest_have_the_rounding_of_those_that_move() -> None:
     rest = Rows(np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(1))
     assert is_met(rest, np.array([7e-18, 0.3]))
     assert not is_met(rest, np.array([1e-11, 0.3]))
-    assert is_met(rest, np.array([7e-18, 0.0]))  # all rest: the rounding of one
+    assert is_met(rest, np.array([7e-18, 0.0]))  # every entry is rounding
     assert not is_met(rest, np.array([1e-13, 0.0]))
 
 
@@ -189,7 +189,7 @@ def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:
 
 
 def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
-    """A goal that goes out of reach and comes back: as cold at every step, and exact once it is met."""
+    """A goal leaves the reach and returns: each step equals a cold solve, and the level is exact once met."""
     rng, n = np.random.default_rng(3), 8
     above, task = rng.standard_normal((2, n)), rng.standard_normal((3, n))
     solver = hqp.solvers.load("lexicographic")
@@ -220,8 +220,8 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
             beyond.append(k)
             factors.append(warm.stats.factorisations)
     assert len(beyond) > 30
-    assert sum(map(bool, factors)) < 0.3 * len(factors)  # nor those, where the face of the last tick is that of this
-    assert len(set(beyond) & set(exact)) == 1  # the step on which the goal went out of reach
+    assert sum(map(bool, factors)) < 0.3 * len(factors)  # these neither, if the face of the last tick still holds
+    assert len(set(beyond) & set(exact)) == 1  # the step in which the goal left the reach
 
 
 def test_numbers_that_are_none_are_a_status_where_the_face_of_the_last_tick_is_tried() -> None:
@@ -250,7 +250,7 @@ def test_numbers_that_are_none_are_a_status_where_the_face_of_the_last_tick_is_t
 
 @pytest.mark.slow
 def test_levels_of_many_rows_against_the_reference() -> None:
-    """From seven rows on the secular equation is solved by Cholesky factors, not by rotations."""
+    """From seven rows on, the secular equation is solved by Cholesky factors instead of rotations."""
     unmet = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -270,7 +270,7 @@ def test_levels_of_many_rows_against_the_reference() -> None:
 
 
 def test_stages_keep_the_deadline() -> None:
-    """Stopped at its first step, a stage leaves its point where it is: in the box, levels above as they were."""
+    """A stage stopped at its first step keeps its point: in the box, with the levels above unchanged."""
     rng, n = np.random.default_rng(5), 40
     above, task = rng.standard_normal((4, n)), rng.standard_normal((12, n))
     levels = (
@@ -286,7 +286,7 @@ def test_stages_keep_the_deadline() -> None:
     assert whole.stage_points is not None
     workspace.reset()
     workspace.limit(np.inf)
-    workspace.native.limit_stages(1e-9)  # the exact levels took all of it
+    workspace.native.limit_stages(1e-9)  # the exact levels took all of the time
     stopped = workspace.solve(problem)
     assert stopped.status is Status.TIME_LIMIT
     assert np.all(problem.levels[0].slack(stopped.x) == 0.0)
@@ -294,7 +294,7 @@ def test_stages_keep_the_deadline() -> None:
 
 
 def test_a_posture_takes_little_from_an_unmet_level() -> None:
-    """||A (x - x_a)||^2 <= eta c omega ||w(x_a)||^2, or x_a would be better: one unmet level above a posture."""
+    """||A (x - x_a)||^2 <= eta c omega ||w(x_a)||^2, else x_a would be better: one unmet level above a posture."""
     solver, unmet = hqp.solvers.load("lexicographic"), 0
     for seed in range(30):
         box, hand, *_, posture = continuity.levels(np.random.default_rng(seed), "beyond")
@@ -331,7 +331,7 @@ def test_neighbouring_problems_have_neighbouring_answers(family: str, count: int
     assert found.jumps[1] == 0.0, found
     assert found.slope[1] < 5e3, found
     if family == "contradictory":
-        assert found.jumps[0] > 0.5  # the control: exact answers do jump
+        assert found.jumps[0] > 0.5  # control: exact answers do jump
 
 
 def test_what_a_solver_cannot_do_is_refused() -> None:
@@ -351,7 +351,7 @@ def test_what_a_solver_cannot_do_is_refused() -> None:
 
 
 def test_a_warm_row_whose_bound_has_gone_to_infinity() -> None:
-    """G1 at torque level, a foot released: a row held at its upper bound a tick ago has none now."""
+    """G1 at torque level releases a foot: a row active at its upper bound in the last tick has no bound now."""
     inf = np.inf
     lower, upper = np.array([-inf, -inf]), np.array([0.5, 0.25])
     wall = Rows(np.array([[1.0, 0.0], [0.0, 1.0]]), lower, upper)
@@ -368,7 +368,7 @@ def test_a_warm_row_whose_bound_has_gone_to_infinity() -> None:
 
 
 def test_an_answer_that_was_stopped_is_not_called_optimal() -> None:
-    """The stages start from the exact answer; where that was cut off there is nothing to start from."""
+    """The stages start from the exact answer: without a complete one they do not run."""
     solver, cut = hqp.solvers.load("lexicographic", max_iterations=1), 0
     for i in range(20):
         problem, _ = stored(i)
@@ -379,7 +379,7 @@ def test_an_answer_that_was_stopped_is_not_called_optimal() -> None:
 
 
 def test_a_tick_solves_its_stages_once() -> None:
-    """The kernel of a loop tells that stages follow; the answer is made of what it found."""
+    """The kernel of a loop reports that stages follow; the answer reuses its result."""
     problem = next(
         p
         for p in (stored(i)[0] for i in range(20))
@@ -414,7 +414,7 @@ def test_a_tick_solves_its_stages_once() -> None:
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(6), marks=pytest.mark.slow)], ids=["few", "many"])
 @pytest.mark.parametrize(("family", "dense"), [*((family, False) for family in FAMILIES), ("kinds", True)])
 def test_a_level_is_settled_alike_warm_or_cold(family: str, dense: bool, seeds: range) -> None:
-    """Over problems that change slowly, then jump: multipliers of the last tick decide as those made anew.
+    """Over problems that change slowly, then jump: multipliers of the last tick decide like fresh ones.
 
     dense: E by a matrix, as at torque level.
     """
@@ -428,7 +428,7 @@ def test_a_level_is_settled_alike_warm_or_cold(family: str, dense: bool, seeds: 
         workspace = solver.workspace(one.shape)
         for tick in range(120):
             turn = 0.002 * tick if tick < 80 else rng.uniform()
-            asked = 0.3 + 0.3 * math.sin(0.1 * tick)  # met for its price, and not, in turns
+            asked = 0.3 + 0.3 * math.sin(0.1 * tick)  # met for its price and unmet in turns
             levels = [one.levels[0]]
             for rows, other in zip(one.levels[1:], turns[1:], strict=True):
                 levels.append(Rows(rows.dense(one.n) + turn * other, asked * rows.lower, asked * rows.upper))

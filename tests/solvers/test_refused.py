@@ -1,4 +1,4 @@
-"""At the seam: what is no problem is refused by ProblemError, and whatever is taken is solved right."""
+"""Interface: ProblemError refuses invalid problems; accepted problems are solved right."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def strided(a: np.ndarray) -> np.ndarray:
 
 
 def stored(base: Hierarchy, as_: Callable[[np.ndarray], np.ndarray]) -> Hierarchy:
-    """The same problem in arrays that are stored otherwise."""
+    """The problem in arrays with another storage."""
     levels = [
         Rows(
             Selection(as_(rows.A.index), as_(rows.A.scale)) if isinstance(rows.A, Selection) else as_(rows.A),
@@ -115,7 +115,7 @@ def test_a_price_that_is_refilled_with_what_is_none_is_refused(level: int, price
     workspace = Lexicographic().workspace(live.shape)
     right = workspace.solve(live)
     live.prices[level] = price  # type: ignore[index]
-    for again in (live, replace(live, prices=PRICES.copy())):  # bound already, and not
+    for again in (live, replace(live, prices=PRICES.copy())):  # bound already, and not yet
         again.prices[level] = price  # type: ignore[index]
         with pytest.raises(ProblemError, match=f"price of level {level}"):
             workspace.solve(again)

@@ -1,4 +1,4 @@
-"""A level whose rows are combinations of fewer, and noise: it is followed as far as its rows tell, within bounds."""
+"""A level of rank-deficient rows with noise is solved to the accuracy of its rows, within bounds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hqp.problem import Hierarchy, Motion, Rows, Selection
 
 
 def joints_that_hold_each_other(seed: int, noise: float) -> Hierarchy:
-    """What joints of legs on the ground ask of torques: eight rows of five directions, one of them next to nothing."""
+    """Torque rows of legs on the ground: eight rows of rank five, one of them tiny."""
     rng = np.random.default_rng(seed)
     n, directions = 8, 5
     mix = rng.standard_normal((n, directions)) * 10.0 ** rng.uniform(-1.0, 1.0, (n, 1))

@@ -1,4 +1,4 @@
-"""What the search for a working set must not do: go in circles, leave what it has met, hold a row at no bound.
+"""The search for a working set does not cycle, does not leave met levels, and holds no row at an infinite bound.
 
 Each test was seen to fail with its fault put in.
 """
@@ -25,7 +25,7 @@ inf = math.inf
 
 @pytest.mark.parametrize(("kind", "seed"), [("near_parallel", 0), ("near_parallel", 7), ("row_scales", 8)])
 def test_a_working_set_that_comes_again_ends_the_search(kind: str, seed: int) -> None:
-    """With ``repeated`` switched off these go in circles until their iterations are used up."""
+    """Without ``repeated`` these cycle until the iteration limit."""
     problem = drawn_problem(kind, seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.usable
@@ -35,17 +35,17 @@ def test_a_working_set_that_comes_again_ends_the_search(kind: str, seed: int) ->
 
 @pytest.mark.parametrize("seed", [4000165, 4000202, 4002161])
 def test_a_row_violated_where_the_step_ends_joins_the_working_set(seed: int) -> None:
-    """At a cone's apex, by 8e-15: no step saw it, and one point was solved for until the iterations were used up."""
+    """At a cone's apex, by 8e-15: no step included it, and the search repeated one point until the iteration limit."""
     problem = drawn_problem("cone_apex", seed)[0]
     workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
-    workspace.limit(10.0)  # so that nobody is asked after the kernel
+    workspace.limit(10.0)  # no second opinion follows the kernel
     solution = workspace.solve(problem)
     assert solution.status is Status.OPTIMAL
     assert solution.stats.iterations < 100
 
 
 def a_hair_short(seed: int) -> Hierarchy:
-    """Constraints that end a hair short of where the level below them would go."""
+    """Constraints that end slightly short of the goal of the level below."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 6))
     goal, share, m = rng.normal(size=n), 10 ** rng.uniform(-5.0, -3.1), int(rng.integers(1, n + 1))
@@ -59,8 +59,8 @@ def a_hair_short(seed: int) -> Hierarchy:
 
 
 def test_a_step_that_is_blocked_at_the_very_end_is_blocked() -> None:
-    """What has once met the constraints meets them however soon the search is stopped; with steps of 0.999 taken for
-    whole ones, 5 of these do not."""
+    """Once a point meets the constraints, later points do as well, at any iteration limit; with steps of 0.999 taken
+    for whole ones, 5 of these do not."""
     for seed in range(240):
         problem, met = a_hair_short(seed), False
         for most in range(1, 100):
@@ -85,7 +85,7 @@ def far_beyond_walls(seed: int) -> Hierarchy:
 
 
 def test_a_search_that_was_cut_goes_on_where_it_was_cut() -> None:
-    """Each solve of one that takes 40 to 170 iterations is cut after 20: together they take not many more."""
+    """Cut a search of 40 to 170 iterations after every 20: in total it takes only slightly more."""
     for seed in range(12):
         problem = far_beyond_walls(seed)
         whole = hqp.solvers.load("lexicographic").solve(problem)
@@ -99,7 +99,7 @@ def test_a_search_that_was_cut_goes_on_where_it_was_cut() -> None:
 
 
 def test_a_warm_row_that_has_lost_its_bound_is_not_held_there() -> None:
-    """A row held at its upper bound a tick ago has none now, and another one is in the way: the stage is searched from
+    """A row active at its upper bound in the last tick has no bound now, and another row blocks: the stage starts from
     the last working set, which once held the row at infinity (NaN)."""
     lower, upper = np.full(3, -inf), np.array([0.5, 0.25, 100.0])
     wall = Rows(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]), lower, upper)
@@ -120,7 +120,8 @@ def test_a_warm_row_that_has_lost_its_bound_is_not_held_there() -> None:
 
 
 def test_a_row_short_beside_its_level_has_one_rank_by_update_and_by_factorisation() -> None:
-    """An update used to count a row of 1e-10 of its level's longest, a factorisation not: warm and cold by 1.5 %."""
+    """An update counted a row of 1e-10 of its level's longest, a factorisation did not: warm and cold differed by 1.5
+    %."""
     problem = drawn_problem("row_scales", 7_000_064)[0]
     workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
     cold, warm = workspace.solve(problem), workspace.solve(problem)
@@ -128,15 +129,15 @@ def test_a_row_short_beside_its_level_has_one_rank_by_update_and_by_factorisatio
 
 
 def test_an_answer_that_another_rank_moves_is_uncertain() -> None:
-    """Only what rows are worth was varied once, not the rank: called OPTIMAL cold, and from a neighbour's working set
-    with norms 2.4e-3 apart."""
+    """The check varied only the weights of rows, not the rank: cold OPTIMAL, and from a neighbour's working set norms
+    2.4e-3 apart."""
     problem = drawn_problem("conflicts", 11_000_546)[0]
     assert hqp.solvers.load("lexicographic").solve(problem).status is Status.RANK_UNCERTAIN
 
 
 def test_rows_of_different_length_have_one_answer_from_any_start() -> None:
-    """Rounding of a row of 1e6 hid the forces of the rows of 1 beside it: ||w_1|| was 0.0742 in place of 0.0659 in one
-    of these, from what had solved a neighbour, with status OPTIMAL; 14 of 300 such pairs differed."""
+    """Rounding of a row of 1e6 hid the forces of rows of 1 in its level: ||w_1|| was 0.0742 instead of 0.0659 in one
+    problem, warm-started from a neighbour, with status OPTIMAL; 14 of 300 such pairs differed."""
     solver = hqp.solvers.load("lexicographic")
     for seed in range(7000, 7100):
         problem = drawn_problem("row_scales", seed)[0]
@@ -151,7 +152,7 @@ def test_rows_of_different_length_have_one_answer_from_any_start() -> None:
 
 @pytest.mark.parametrize("bound", [0.0, 1.0])
 def test_a_row_of_zeros_beside_rows_of_different_length_says_nothing(bound: float) -> None:
-    """Taken for a row with a direction it made NaN of the verdict: NOT_CERTIFIED."""
+    """Treated as a direction it put NaN into the certificate: NOT_CERTIFIED."""
     A = np.array([[-4051.0, -12107.0], [-1.6997e-6, -5.3274e-6], [0.0, 0.0]])
     problem = Hierarchy((Rows(A, np.array([1487.0, -inf, bound]), np.array([inf, 5.9e-7, bound])),))
     solution = hqp.solvers.load("lexicographic").solve(problem)

@@ -1,4 +1,4 @@
-"""How the rows of a level are stored, ordered and signed does not change the answer."""
+"""Storage, order and sign of a level's rows do not change the answer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST = 40
 
 
 def selections(rng: Generator) -> Hierarchy:
-    """Levels that pick coordinates among dense ones, priced or not, within and out of their price's reach."""
+    """Coordinate levels among dense ones, priced or not, within and beyond the reach of their price."""
     n = int(rng.integers(2, 10))
     levels, prices = [], []
     for k in range(int(rng.integers(1, 5))):
@@ -39,7 +39,7 @@ def selections(rng: Generator) -> Hierarchy:
 
 
 def stored(rows: Rows, n: int, rng: Generator) -> Rows:
-    """The same rows as a matrix, in another order and turned round at times."""
+    """The rows as a matrix, permuted and with random signs."""
     A = np.array(rows.dense(n))
     lower, upper = rows.lower.copy(), rows.upper.copy()
     order = rng.permutation(len(A))
@@ -51,7 +51,7 @@ def stored(rows: Rows, n: int, rng: Generator) -> Rows:
 
 
 def check(case: Hierarchy, rng: Generator, tolerance: float = 1e-9) -> bool:
-    """Compare the answers of the problem and its other forms; return true if all are solved for sure."""
+    """Compare the answers of the problem and its other forms; return true if all are certain."""
     solver = hqp.solvers.load("lexicographic")
     every = replace(case, levels=tuple(stored(rows, case.n, rng) for rows in case.levels), stacked=None)
     one = int(rng.integers(len(case.levels)))

@@ -1,8 +1,8 @@
-"""Vertices so degenerate that the active set once gave up: legs stretched, every joint at a limit, a hand far away.
+"""Degenerate vertices on which the active set once gave up: legs stretched, all joints at limits, a hand far away.
 
-Ticks of Talos in loops of its own, five levels under joint limits.  tests/data/stuck.npz: where the working sets
-repeat.  tests/data/uncertain.npz: where a multiplier's sign lies near its rounding (1), or where the direction that it
-speaks for is below the rank tolerance (0, 2).
+Ticks of Talos in closed loops, five levels under joint limits.  tests/data/stuck.npz: the working sets repeat.
+tests/data/uncertain.npz: a multiplier's sign lies near its rounding (1), or its direction is below the rank tolerance
+(0, 2).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def test_what_the_certificate_doubts_is_told(i: int) -> None:
 
 
 def test_the_last_opinion_ends() -> None:
-    """A Talos torque tick on which every search of the kernel is refused."""
+    """Talos torque tick with every search of the kernel refused."""
     import pickle
     from pathlib import Path
 
@@ -66,10 +66,10 @@ def test_the_last_opinion_ends() -> None:
 
 
 def test_a_search_level_by_level_does_not_crawl() -> None:
-    """Two ticks of CBi at torque level, a hand out of reach, the second searched from the first: 51 531 points, 3.2 s.
+    """Two ticks of CBi at torque level, a hand out of reach, the second warm-started: 51 531 points, 3.2 s.
 
-    A step freed of every row was repeated at the length of rounding, and a level whose gap passed went on to fall by
-    1e-12 of its norm, turn after turn, along a direction that is all but lost.
+    A step without active rows was repeated at the length of rounding, and a level with an accepted gap decreased by
+    1e-12 of its norm, turn after turn, along a nearly lost direction.
     """
     with np.load(DATA / "crawl.npz") as data:
         box = Selection(data["index"], data["scale"])

@@ -1,5 +1,5 @@
-// Solves the problems of a file cold and warm through the kernel's headers alone; for sanitizers, and with
-// COUNT_ALLOCATIONS to count what the C library's allocator is asked for during solve.
+// Solves the problems of a file cold and warm through the kernel's headers alone: for sanitizers, and with
+// COUNT_ALLOCATIONS for the number of allocations during solve.
 #include <cstdio>
 #include <cstdlib>
 #include <vector>

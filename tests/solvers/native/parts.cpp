@@ -1,4 +1,4 @@
-// The parts of the kernel, each alone, on random numbers: what they must satisfy is checked, not a stored answer.
+// Each part of the kernel alone, on random numbers: checks its defining properties instead of a stored answer.
 #include <cstdio>
 #include <random>
 #include <vector>
@@ -58,7 +58,7 @@ static void null_space() {
     }
 }
 
-// Rows with given singular values: the short ones are found, behind a gap and without one, and one of them is dropped.
+// Rows with given singular values: find the small ones, with and without a gap, and drop one of them.
 static void row_factor(const std::vector<double>& sigma, int first) {
   const int n = 9, m = static_cast<int>(sigma.size());
   Placed<NullSpace> left(m), right(n), space(n);  // random orthogonal U and V
@@ -187,7 +187,7 @@ static void factorisation() {
   }
 }
 
-// A variable that is held in front of level 1 by an update, or before everything by a factorisation: the same point.
+// Fix a variable before level 1 by an update, or first of all by a factorisation: both give one point.
 static void updates() {
   int updated = 0;
   for (int trial = 0; trial < 100; ++trial) {
@@ -206,7 +206,8 @@ static void updates() {
   if (updated < 90) small("tableau: updates refused", 100 - updated, 10);
 }
 
-// Rows at, inside and beyond their bounds: those beyond work, those well inside do not, those at a bound stay.
+// Rows at, inside and beyond their bounds: rows beyond enter the working set, rows well inside leave, rows at a bound
+// stay.
 static void working_set() {
   const int n = 3;
   Two two;
@@ -233,7 +234,7 @@ static void working_set() {
   for (int r = 1; r < n; ++r) small("working set: at a bound that is gone", set.W[r], 0);
 }
 
-// From a point of the box: x stays in it, the level above rises nowhere, and what blocks is at its bound.
+// Step from a point of the box: x stays inside, the level above does not rise, and the blocking row is at its bound.
 static void step() {
   int blocked = 0;
   for (int trial = 0; trial < 100; ++trial) {
@@ -270,7 +271,7 @@ static void step() {
   if (blocked < 50) small("step: nothing blocks", 50 - blocked, 0);
 }
 
-// Ranges above equalities: level by level from zero the point of the active set, which alone passes the verdict.
+// Ranges above equalities: solve level by level from zero; only the point of the active set passes the certificate.
 static void level_search() {
   for (int trial = 0; trial < 100; ++trial) {
     Two two;
@@ -298,8 +299,8 @@ static void level_search() {
   }
 }
 
-// Rows of lengths 1 to 1e-8, two of one direction and one of none: what is left has no part along any row but for
-// rounding. The gradient along a further column, of the rows as they come, is B' rhs.
+// Rows of lengths 1 to 1e-8, two parallel and one zero: the residual is orthogonal to every row up to rounding. The
+// gradient along a further column, of the unsorted rows, is B' rhs.
 static void row_sorted_least_squares() {
   const int m = 9, f = 6;
   for (int trial = 0; trial < 100; ++trial) {
@@ -323,7 +324,7 @@ static void row_sorted_least_squares() {
       for (int i = 0; i < m; ++i) y[j] -= A[i * f + j] * rhs[i];
       small("row-sorted least squares: along a column", y[j], 1e-13);
     }
-    part.gradient(m, f, 1, 1.0, kInfinity, 0.0, 0.0, y, &left);  // every row that the solution meets counts as rounding
+    part.gradient(m, f, 1, 1.0, kInfinity, 0.0, 0.0, y, &left);  // every met row counts as rounding
     for (int i = 0; i < m; ++i) left -= std::pow(10.0, -i) * further[i] * (rhs[i] - dot_any(&A[i * f], part.z, f));
     small("row-sorted least squares: along a further column, what is left", left, 1e-13);
     std::vector<double> gradient(f);
@@ -360,7 +361,7 @@ static void level_along_step() {
   }
 }
 
-// The first `picks` of the rows pick one coordinate each.  free: what the last coordinates are divided by.
+// The first `picks` of the rows pick one coordinate each.  free: divisors of the last coordinates.
 static void row_space(int picks, double free) {
   const int n = 7, ld = padded(n), m = 4;
   RowSpace space(n, ld, 1e-11);
@@ -376,7 +377,7 @@ static void row_space(int picks, double free) {
     }
     const double size = std::sqrt(dot_any(row.data(), row.data(), n));
     for (int j = 0; j < n; ++j) row[j] /= grade[j];
-    auto begun = row;  // which the first two rows have turned already
+    auto begun = row;  // already rotated by the first two rows
     const int turned = i == 3 ? 2 : 0;
     space.turn(begun.data(), n, 0, turned);
     const bool added = only >= 0 ? space.picks() && space.pick(only, row[only])
@@ -414,7 +415,7 @@ static void row_space(int picks, double free) {
 static void secular_equation() {
   int met = 0;
   for (int trial = 0; trial < 200; ++trial) {
-    const bool many = trial % 2;  // rows: by Cholesky factors, where the level is far from met
+    const bool many = trial % 2;  // many rows: Cholesky factors, if the level is far from met
     const int n = many ? 14 : 6, ld = padded(n), m = many ? 9 : 3;
     auto M = random_vector(m * ld), e = random_vector(m);
     const auto rows = M;
@@ -449,7 +450,7 @@ static void secular_equation() {
   if (met < 20 || met > 180) small("secular: one kind of case alone", met, 0);
 }
 
-// How far rows in motion coordinates are from others, for every width of the last columns.
+// Distance of rows in motion coordinates from other rows, for every width of the last columns.
 static void rows_apart() {
   for (int n = 1; n < 20; ++n) {
     const int m = 3;
@@ -464,7 +465,7 @@ static void rows_apart() {
   }
 }
 
-// From a vertex of nearly dependent rows, some of them missed by rounding: no row is left, and the value does not rise.
+// Start at a vertex of nearly dependent rows, some missed by rounding: no row leaves, and the value does not rise.
 static void stage_search() {
   for (int trial = 0; trial < 300; ++trial) {
     const int n = 6, pairs = 4, m = 4, count = 2 * pairs + 2 * n, ld = padded(n);
