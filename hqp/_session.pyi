@@ -42,6 +42,15 @@ class Session:
         time, now: of the state, None where it does not tell, and of the tick [s].
         """
 
+    stopped: str
+    """The reason of the stop, "" while the session runs."""
+
+    def stop(self, reason: str) -> None:
+        """Come to rest and hold until ``resume``; any thread may call both."""
+
+    def resume(self) -> None:
+        """End a stop."""
+
     def begin(self, command: Vec, q: Vec | None, v: Vec | None) -> None:
         """Start from the command that is sent now; q, v: the state, None if unknown."""
 
@@ -84,6 +93,15 @@ class Live:
 
     def aim(self, targets: dict[str, Any]) -> bool:
         """Give it targets by name that are taken unchanged; False for one that is not."""
+
+    stopped: str
+    """The reason of the stop, "" while the session runs."""
+
+    def stop(self, reason: str) -> None:
+        """Come to rest and hold until ``resume``, in all lines of a session; any thread may call both."""
+
+    def resume(self) -> None:
+        """End a stop."""
 
     def begin(self, command: Vec, q: Vec | None, v: Vec | None, angles: Vec | None) -> bytearray:
         """Start from the command that is sent now; its record.  q, v, angles: of the state, None if unknown."""
@@ -283,6 +301,12 @@ class Batch:
 
     def integrate(self, q: Mat, v: Mat, dt: float, out: Mat) -> None:
         """q after moving with v for dt [s], of all worlds."""
+
+    def stop(self, world: int, reason: str) -> None:
+        """Come to rest and hold until ``resume``."""
+
+    def resume(self, world: int) -> None:
+        """End a stop."""
 
     def begin(self, world: int, command: Vec, q: Vec | None, v: Vec | None) -> None:
         """Start from the command that is sent now; q, v: the state, None if unknown."""

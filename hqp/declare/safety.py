@@ -60,19 +60,25 @@ class RateLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Braking:
-    """Way of a command to rest while no solution is usable (docs/safety.md).
+    """Way of a command to rest while no solution is usable, and after ``stop`` (docs/safety.md).
 
     deceleration [rad/s^2 or m/s^2]: deceleration of the fastest joint, at velocity and acceleration level; the others
     keep their proportion to it, so that contacts hold.  damping [s]: time constant of the joint damping beside the
-    holding torque.  Raises DeclarationError for a number that is not positive and finite.
+    holding torque.  resume: "auto" to go on with the next usable answer, "ask" to wait for ``resume`` if none was
+    usable for longer than ``after`` [s].  Raises DeclarationError for another word, or a number that is not positive
+    and finite.
     """
 
     deceleration: float = 50.0
     damping: float = 0.1
+    resume: str = "auto"
+    after: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("deceleration", "damping"):
+        for name in ("deceleration", "damping", "after"):
             positive("Braking", name, getattr(self, name))
+        if self.resume not in ("auto", "ask"):
+            raise DeclarationError("Braking", "resume", value=self.resume, allowed='"auto" or "ask"')
 
 
 def positive(where: str, name: str, value: object) -> None:

@@ -150,6 +150,16 @@ class Batch:
             except ValueError as error:
                 raise DeclarationError(f"begin of world {world}", str(error), allowed="finite numbers") from None
 
+    def stop(self, worlds: ArrayLike | None = None, reason: str = "stop") -> None:
+        """Bring robots to rest and hold them until ``resume`` or ``reset``; worlds and errors as of ``reset``."""
+        for world in self._chosen(worlds):
+            self._native.stop(world, str(reason))
+
+    def resume(self, worlds: ArrayLike | None = None) -> None:
+        """End stops; worlds and errors as of ``reset``."""
+        for world in self._chosen(worlds):
+            self._native.resume(world)
+
     def advance(self, Q: Any, V: Any, dt: float | None = None) -> Any:
         """Move Q ``(count, nq)`` with V ``(count, nv)`` for dt [s], the period of the plan for None.
 

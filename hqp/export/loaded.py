@@ -130,6 +130,19 @@ class LoadedSession:
         except ValueError as error:
             raise DeclarationError("begin", str(error), allowed="finite numbers and a valid state") from None
 
+    def stop(self, reason: str = "stop") -> None:
+        """Bring the robot to rest from the next step on, and hold it until ``resume``; see ``Session.stop``."""
+        self._native.stop(str(reason))
+
+    def resume(self) -> None:
+        """End a stop."""
+        self._native.resume()
+
+    @property
+    def stopped(self) -> str:
+        """The reason of the stop, "" while the session runs."""
+        return self._native.stopped
+
     def on(self, name: str, present: bool) -> None:
         """Activate or deactivate an element in the next step; DeclarationError for a contact at torque level."""
         self._known(name)
@@ -175,7 +188,7 @@ class LoadedSession:
         return out
 
     def reset(self) -> None:
-        """As just made: no warm start, no hold values, no last command."""
+        """As just made: no warm start, no hold values, no last command.  A stop stays."""
         self._native.reset()
 
 

@@ -242,7 +242,7 @@ class Line:
         refused = Status.INVALID_REFERENCE
         some = tick.status.severity >= refused.severity
         references = sum(note.status is refused for note in tick.notes) if some else 0
-        self.native.count(start, tick.status.cut, tick.held > 0, tick.status is Status.INVALID_STATE, references)
+        self.native.count(start, tick.status.cut, tick.held > 0, tick.refused, references)
 
     def _attend(self) -> None:
         """The phase of this tick, and its laws."""

@@ -186,6 +186,23 @@ class Session:
         except ValueError as error:
             raise DeclarationError("begin", str(error), allowed="finite numbers and a valid state") from None
 
+    def stop(self, reason: str = "stop") -> None:
+        """Bring the robot to rest by ``controller.braking`` from the next step on, and hold it until ``resume``.
+
+        Ticks have the status STOPPED and a note with the reason.  References of the time are not used; a change of
+        stack waits.  Any thread may call it.
+        """
+        self.line.native.stop(str(reason))
+
+    def resume(self) -> None:
+        """End a stop: the next step solves again, from the command at rest.  Any thread may call it."""
+        self.line.native.resume()
+
+    @property
+    def stopped(self) -> str:
+        """The reason of the stop, "" while the session runs."""
+        return self.line.native.stopped
+
     def _look(self, given: Any) -> None:
         """Warn of a first state that cannot be meant; the tick takes it as it is."""
         self._seen = True

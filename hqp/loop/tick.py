@@ -197,6 +197,13 @@ class Tick:
         return self._line
 
     @property
+    def refused(self) -> bool:
+        """True if the state was not valid."""
+        if self.status is Status.STOPPED:
+            return any(note.status is Status.INVALID_STATE for note in self.notes)
+        return self.status is Status.INVALID_STATE
+
+    @property
     def jump(self) -> Jump:
         """The largest change of the command since the tick before."""
         names, change = self._compared
@@ -237,7 +244,7 @@ class Tick:
         Raises HqpError where there is nothing to start from: the state of the tick is not valid, or too large.
         """
         line = self._live()
-        refused = self.status is Status.INVALID_STATE
+        refused = self.refused
         if not refused and not self._blended and (moved := self._layout.moved(self.record)) is not None:
             return moved
         state = self.state

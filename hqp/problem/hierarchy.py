@@ -451,6 +451,10 @@ class Status(enum.Enum):
         "the state was not usable (not finite, too large, too old, or a quaternion not of length one): the command "
         "comes to rest; check the sensor or estimate that the note names"
     )
+    STOPPED = (
+        "a stop was asked for, or no answer was usable for longer than Braking(after=): the command comes to rest and "
+        "holds; clear the cause that the note names, then call resume()"
+    )
 
     @property
     def cut(self) -> bool:

@@ -59,7 +59,8 @@ def standing(name: str) -> Vec:
 def holding(robot: Any, q: Vec) -> Vec:
     """The torque that gravity asks of the motors of a fixed base, by Pinocchio."""
     gravity: Vec = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q)
-    return gravity[robot.actuated].copy()
+    held: Vec = gravity[robot.actuated]
+    return held
 
 
 class Physics:

@@ -99,6 +99,8 @@ class Session {
     require(q.size() == nq && out.size() == nq && v.size() == std::size_t(session_.nv()), "q or v");
     session_.integrate(q.data(), v.data(), dt, out.data());
   }
+  void stop(const std::string& reason) { session_.stop(reason); }
+  void resume() { session_.resume(); }
   const hqp::Session& get() const { return session_; }
   void reset() { session_.reset(); }
 
@@ -164,6 +166,14 @@ class Worlds {
     const hqp::Tick& tick = batch_.session().tick();
     return {tick.command().size(), tick.x().size(), tick.residuals().size()};
   }
+  void stop(std::size_t i, const std::string& reason) {
+    require(i);
+    batch_.change(i, [&](hqp::Guarded& session) { session.halt().stop(reason); });
+  }
+  void resume(std::size_t i) {
+    require(i);
+    batch_.change(i, [&](hqp::Guarded& session) { session.halt().resume(); });
+  }
   std::tuple<int, int> state() {
     const hqp::Line& line = batch_.session().line();
     return {line.nq(), line.nv()};
@@ -210,6 +220,9 @@ NB_MODULE(_session, module) {
       .def("ask", &binding::LiveSession::ask)
       .def("aim", &binding::LiveSession::aim, "targets"_a)
       .def("phase", &binding::LiveSession::phase, "name"_a)
+      .def("stop", &binding::LiveSession::stop, "reason"_a)
+      .def("resume", &binding::LiveSession::resume)
+      .def_prop_ro("stopped", &binding::LiveSession::stopped)
       .def("begin", &binding::LiveSession::begin, "command"_a, "q"_a.none(), "v"_a.none(), "angles"_a.none())
       .def("step", &binding::LiveSession::step, "q"_a, "v"_a, "time"_a.none(), "now"_a, "angles"_a.none(),
            "fault"_a.none())
@@ -238,6 +251,8 @@ NB_MODULE(_session, module) {
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
            "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("reset", &Worlds::reset, "world"_a)
+      .def("stop", &Worlds::stop, "world"_a, "reason"_a)
+      .def("resume", &Worlds::resume, "world"_a)
       .def("begin", &Worlds::begin, "world"_a, "command"_a, "q"_a.none(), "v"_a.none())
       .def("integrate", &Worlds::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def_prop_ro("counters", &Worlds::counters)
@@ -250,6 +265,9 @@ NB_MODULE(_session, module) {
       .def(nb::init<const nb::bytes&, const nb::bytes&>(), "file"_a, "key"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert(),
            "time"_a.none(), "now"_a)
+      .def("stop", &Session::stop, "reason"_a)
+      .def("resume", &Session::resume)
+      .def_prop_ro("stopped", [](const Session& s) { return s.get().stopped(); })
       .def("begin", &Session::begin, "command"_a, "q"_a.none(), "v"_a.none())
       .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
       .def("held", &Session::held, "reference"_a)

@@ -1,12 +1,14 @@
 // Parts of a session, read from its plan: names and motors of the robot, limits on states and commands, braking.
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <numeric>
 #include <string>
 #include <vector>
 
 #include "guards.hpp"
+#include "halt.hpp"
 #include "limit_watch.hpp"
 #include "line.hpp"
 #include "rest.hpp"
@@ -78,9 +80,9 @@ template <class Node>
 Outgoing outgoing(const Node& root, const Line& line, const RobotNames& robot) {
   const Node guards = root.part("guards");
   const std::vector<std::string> statuses = guards.texts("statuses");
-  if (statuses.size() != std::size_t(Status::kInvalidState) + 1)
+  if (statuses.size() != kStatuses)
     throw PlanError("the plan lists " + std::to_string(statuses.size()) + " status texts, needed " +
-                    std::to_string(std::size_t(Status::kInvalidState) + 1) + ": export it anew");
+                    std::to_string(kStatuses) + ": export it anew");
   return line.outgoing(robot.picks, guards.number("gradual"), guards.number("violation"), statuses);
 }
 
@@ -99,6 +101,17 @@ inline LimitWatch limit_watch(const Line& line) {
     names.insert(names.end(), member->row_names.begin(), member->row_names.end());
   }
   return {std::move(parts), std::move(names), line.dt()};
+}
+
+template <class Node>
+std::shared_ptr<Halt> halt(const Node& root, const Line& line) {
+  const Node braking = root.part("guards").part("braking");
+  const std::string resume = braking.text("resume");
+  const double after = std::ceil(braking.number("after") / line.dt());
+  if ((resume != "auto" && resume != "ask") || !(after > 0.0 && after < 1e15))
+    throw PlanError("braking resumes by '" + resume + "', allowed auto and ask, after " +
+                    std::to_string(braking.number("after")) + " s, allowed above 0: export the plan anew");
+  return std::make_shared<Halt>(resume == "ask" ? std::int64_t(after) : 0, line.dt());
 }
 
 template <class Node>

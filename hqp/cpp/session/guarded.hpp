@@ -13,6 +13,7 @@
 #include "budget.hpp"
 #include "counters.hpp"
 #include "guard_parts.hpp"
+#include "halt.hpp"
 #include "left_out.hpp"
 #include "outgoing.hpp"
 #include "phase_laws.hpp"
@@ -47,6 +48,7 @@ class Guarded {
         check_(state_check(root, line_)),
         rest_(hqp::rest(root, line_, robot_)),
         motors_(motor_limits(root, line_, robot_)),
+        halt_(hqp::halt(root, line_)),
         limiter_(rate_limiter(root, line_, robot_)),
         budget_(root.part("guards").number("deadline")),
         q_(std::size_t(line_.nq())),
@@ -88,15 +90,14 @@ class Guarded {
     const Tick& tick = stepped(q, v, told);
     if (!aside_) {
       const bool cut = answered_ && (answer_.status == Status::kIterationLimit || answer_.status == Status::kTimeLimit);
-      counters_->take({seconds(begin_), seconds(Clock::now()), cut, tick.held_ > 0,
-                       tick.status_ == Status::kInvalidState, rejected_},
-                      line_.dt());
+      counters_->take({seconds(begin_), seconds(Clock::now()), cut, tick.held_ > 0, refused_, rejected_}, line_.dt());
     }
     return tick;
   }
 
   // Carry the session's state over to the next tick, without pending references.
   void keep(CarryOver& state) {
+    halt_->keep(state);
     state.take(good_), state.take(placed_), outgoing_.trend().keep(state);
     state.take(tick_.count_), state.take(tick_.held_);
     state.take(x_.data(), x_.size());
@@ -179,7 +180,7 @@ class Guarded {
     x_ = other.x_, good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
     placed_ = other.placed_, timed_ = other.timed_, budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
-    counters_ = other.counters_;
+    counters_ = other.counters_, halt_ = other.halt_;
   }
 
   // Run beside a session that blends both answers: without rate limits, in half of the time.
@@ -214,6 +215,7 @@ class Guarded {
   const std::vector<double>& q() const { return q_; }  // of the tick, normalised
   const std::vector<double>& v() const { return v_; }
   const std::vector<double>& sent() const { return x_; }  // last
+  Halt& halt() { return *halt_; }
   const Counters& counters() const { return *counters_; }
   // Count a tick that blends this session with another one.
   void count(const Counters::Ended& blend) { counters_->take(blend, line_.dt()); }
@@ -249,7 +251,7 @@ class Guarded {
 
   const Tick& stepped(const double* q, const double* v, const Told& told) {
     begin_ = filled_ = solved_ = Clock::now();
-    rejected_ = 0;
+    rejected_ = 0, refused_ = false;
     ++tick_.count_;
     tick_.note_count_ = 0;
     tick_.status_ = Status::kOptimal;
@@ -259,7 +261,7 @@ class Guarded {
     Note why;
     if (told.fault) why = {"state", Status::kInvalidState, Cause::kForeign, told.fault};
     if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why)) {
-      forget();
+      forget(), refused_ = true;
       return held_tick(why, false);
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
@@ -267,6 +269,10 @@ class Guarded {
     laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
     attend(presence_.take());
     if (!good_ && tick_.count_ == 1) hold_up();
+    if (halt_->why()) {
+      forget();
+      return held_tick({}, true);
+    }
     references_.take_holds(q_.data(), v_.data());
     references_.apply(out_, left_out_.flags(), report());
     if (foreign_ && foreign_->fills) return filled_in_python();
@@ -383,8 +389,10 @@ class Guarded {
   const Tick& held_tick(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
     fresh_ = true;
+    halt_->rested(++tick_.held_);
+    if (const char* stopped = halt_->why()) note(halt_->note(stopped));
     const auto start = [&] { return fit || placed_ ? from(!fit) : RestFrom{}; };
-    outgoing_.rest(*rest_, start, fit, ++tick_.held_, why.status, before(), limiter(), tick_.x_.data(), report());
+    outgoing_.rest(*rest_, start, fit, tick_.held_, why.status, before(), limiter(), tick_.x_.data(), report());
     send();
     return tick_;
   }
@@ -435,6 +443,7 @@ class Guarded {
   StateCheck check_;
   std::unique_ptr<Rest> rest_;
   std::unique_ptr<MotorLimits> motors_;
+  std::shared_ptr<Halt> halt_;  // of all lines of a session
   std::unique_ptr<RateLimiter> limiter_;
   Budget budget_;
   std::vector<double> q_, v_, good_q_, good_v_, x_, start_, angles_, over_;
@@ -448,6 +457,7 @@ class Guarded {
   PhaseLaws laws_;
   Presence::Out out_, rest_of_, stay_;
   // good: x was sent.  placed: good_q_ and good_v_ are known.  timed: an answer was usable before.
+  bool refused_ = false;  // true if the state of the tick is not valid
   bool aside_ = false, good_ = false, placed_ = false, timed_ = false, fresh_ = true, attended_ = false,
        answered_ = false;
   Clock::time_point begin_, filled_, solved_;

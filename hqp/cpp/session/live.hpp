@@ -108,6 +108,12 @@ class LiveSession {
     session_->begin(sent, at, speed, numbers(angles, std::size_t(line.nv())));
     return record(*session_, next_);
   }
+  void stop(const std::string& reason) { session_->halt().stop(reason); }
+  void resume() { session_->halt().resume(); }
+  std::string stopped() const {
+    const char* why = session_->halt().why();
+    return why ? why : "";
+  }
   const std::vector<double>& start() const { return session_->start(); }
 
   // A record; a tuple (record, status, ticks held, notes, count of notes not on joint limits) unless the tick is

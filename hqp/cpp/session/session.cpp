@@ -16,9 +16,10 @@ Kernel* make_kernel(int n, int levels, const int* m, bool metric) {
 }
 
 const char* name(Status status) {
-  static const char* const names[] = {"OPTIMAL",           "RANK_UNCERTAIN",  "NOT_STRICT",      "CONSTRAINTS_VIOLATED",
-                                      "INVALID_REFERENCE", "INVALID_ELEMENT", "CONTACT_LOST",    "ITERATION_LIMIT",
-                                      "TIME_LIMIT",        "NOT_CERTIFIED",   "DYNAMICS_FAILED", "INVALID_STATE"};
+  static const char* const names[] = {
+      "OPTIMAL",         "RANK_UNCERTAIN", "NOT_STRICT",      "CONSTRAINTS_VIOLATED", "INVALID_REFERENCE",
+      "INVALID_ELEMENT", "CONTACT_LOST",   "ITERATION_LIMIT", "TIME_LIMIT",           "NOT_CERTIFIED",
+      "DYNAMICS_FAILED", "INVALID_STATE",  "STOPPED"};
   return names[static_cast<int>(status)];
 }
 
@@ -109,6 +110,9 @@ std::string Note::text() const {
       return "the joint-space inertia is not positive definite";
     case Cause::kNoState:
       return "no valid state so far: the command is zero";
+    case Cause::kStopped:
+      return std::string(where) + (amount > 0.0 ? " for " + g3(amount) + " s" : "") +
+             ": the robot rests until resume() is called";
     case Cause::kStart:
       return "the command sent before the first tick is unknown: rates start from the torque that holds the robot; "
              "call begin(command=...) with the command that the robot is sent now";
@@ -149,7 +153,17 @@ std::int64_t Session::heartbeat() const noexcept { return guarded_->counters().h
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
   guarded_->line().kinematics()->integrate(q, v, dt, out);
 }
-void Session::reset() { guarded_->reset(); }
+void Session::reset() {
+  const char* why = guarded_->halt().why();
+  guarded_->reset();
+  if (why) guarded_->halt().stop(why);
+}
+void Session::stop(const std::string& reason) { guarded_->halt().stop(reason); }
+void Session::resume() { guarded_->halt().resume(); }
+std::string Session::stopped() const {
+  const char* why = guarded_->halt().why();
+  return why ? why : "";
+}
 int Session::nq() const { return guarded_->line().nq(); }
 int Session::nv() const { return guarded_->line().nv(); }
 double Session::dt() const { return guarded_->line().dt(); }

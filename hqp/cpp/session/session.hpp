@@ -129,7 +129,12 @@ class Session {
 
   // q + dt v into out (nq).
   void integrate(const double* q, const double* v, double dt, double* out) const;
-  // Forget warm start, hold values and the last command: as just made.
+  // Bring the robot to rest from the next step on and hold it there, with status kStopped, until resume(). Any thread
+  // may stop, resume and ask for the reason, "" while the session runs.
+  void stop(const std::string& reason = "stop");
+  void resume();
+  std::string stopped() const;
+  // Forget warm start, hold values and the last command: as just made. A stop stays.
   void reset();
 
   int nq() const;

@@ -22,7 +22,9 @@ enum class Status {
   kNotCertified,
   kDynamicsFailed,
   kInvalidState,
+  kStopped,
 };
+constexpr std::size_t kStatuses = std::size_t(Status::kStopped) + 1;
 
 // As Python spells it: "OPTIMAL", ...
 const char* name(Status status);
@@ -73,6 +75,7 @@ enum class Cause {
   kSolver,     // see the status
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
+  kStopped,    // a stop holds the robot, where: its reason
   kStart,      // no command was known before the first tick
   kForeign,    // a fault of rows written in Python
 };

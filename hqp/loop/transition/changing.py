@@ -129,7 +129,7 @@ def begin(transition: Transition, first: Line, second: Line) -> None:
 def held(line: Line, second: Line, state: State, worst: Tick, progress: float) -> Tick:
     """A tick in which one of the two stacks has no usable answer."""
     line.held += 1
-    fit = worst.status not in (Status.INVALID_STATE, Status.DYNAMICS_FAILED)
+    fit = not any(note.status in (Status.INVALID_STATE, Status.DYNAMICS_FAILED) for note in worst.notes)
     last = line.x if line.latest is not None else worst.before
     x, notes = second.native.rest(last, line.good, line.held, fit, worst.status.severity)
     told = tuple(note for note in worst.notes if note.element != "session")
