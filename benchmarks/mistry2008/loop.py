@@ -52,10 +52,10 @@ def rest(t: float) -> Vec:
 
 @dataclass(frozen=True)
 class Trace:
-    """What happened, sampled each tick.
+    """Samples of a run, one each tick.
 
     t ``(T,)`` [s]; com, com_target ``(T, 2)``; hand, hand_target ``(T, 3)``; feet ``(T,)``: distance of the farther
-    sole from where it stood [m].  q: the last configuration.
+    sole from its place at the start [m].  q: the last configuration.
     """
 
     t: Vec
@@ -78,7 +78,7 @@ class Trace:
 
     @property
     def slip(self) -> float:
-        """Largest distance of a sole from where it stood [m]."""
+        """Largest distance of a sole from its place at the start [m]."""
         return float(self.feet.max())
 
 
@@ -100,9 +100,8 @@ def run(
     """Integrate eq. (19) with the base carried along exactly.
 
     feedforward: the target's mean velocity over the coming period.  contact_gain [1/s] feeds the feet's pose back;
-    0 is eq. (19) alone.  anchored: only the joints are integrated, and the base follows from the left sole, which
-    stays where it stood; else the base is integrated too.  q: where to start, home by default.  seen: called after
-    each tick.
+    0 is eq. (19) alone.  anchored: only the joints are integrated, and the base follows from the fixed left sole;
+    else the base is integrated too.  q: the first configuration, home by default.  seen: called after each tick.
     """
     stack = stack or paper_stack(roles(robot))
     frames = roles(robot)
@@ -143,7 +142,7 @@ def run(
 
 
 def _anchor(robot: Robot, q: Vec, frame: str, position: Vec, rotation: Mat) -> Vec:
-    """The same joints with the base where a frame has this pose."""
+    """Move the base, with fixed joints, so that a frame has this pose."""
     state = robot.state(q)
     turn = rotation @ state.rotation(frame).T
     moved = q.copy()

@@ -1,1 +1,1 @@
-"""How long solvers and ticks take, on stored problems and in the loop."""
+"""Times of solvers and ticks, on stored problems and in the loop."""

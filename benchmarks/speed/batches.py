@@ -1,4 +1,4 @@
-"""Many worlds at once on G1 and UR5: ticks a second in reach, at its edge and beyond, memory, time to make them."""
+"""Many worlds at once on G1 and UR5: ticks per second in reach, at its edge and beyond; memory; construction time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DT = 0.002
 MARK = "<!-- table: python -m benchmarks batches --page docs/results/batches.md -->"
 END = "<!-- end of batches -->"
 AWAY = {"in reach": 0.02, "at its edge": 0.1, "beyond": 0.3}
-"""How far the targets of the hands move around where the hands began, each axis [m]."""
+"""Amplitudes of the targets around the hands' first places, on each axis [m]."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class Measured:
-    """Over the last half of the ticks: ticks a second, the best of five parts of it; CPU time of a tick [s].
+    """Measurements over the last half of the ticks: ticks per second, the best of five parts; CPU time of a tick [s].
 
-    bytes of a world, time to make them all [s], the share that is solved.
+    bytes of a world, time to construct all [s], share of solved ticks.
     """
 
     rate: float
@@ -91,7 +91,7 @@ def controller(name: str) -> tuple[hqp.Controller, hqp.robots.Robot, list[str]]:
 
 
 class Motion:
-    """Targets that go around where the hands began, each world in its own phase."""
+    """Targets that circle the hands' first places, each world with its own phase."""
 
     def __init__(self, robot: hqp.robots.Robot, frames: list[str], away: float, count: int) -> None:
         state = robot.state(robot.home)
@@ -100,14 +100,14 @@ class Motion:
         self._away = away
 
     def at(self, i: int) -> dict[str, Mat]:
-        """Of tick i, (count, 3) for each hand."""
+        """Targets of tick i, (count, 3) for each hand."""
         return {
             f"hand{k}": start + self._away * np.sin(0.01 * i + self._phase[:, k]) for k, start in enumerate(self._start)
         }
 
 
 def measure(name: str, away: float, worlds: int, ticks: int, threads: int) -> Measured:
-    """A kinematic loop of all worlds; only the batch's step is timed."""
+    """Run a kinematic loop of all worlds; only the batch's step is timed."""
     declared, robot, frames = controller(name)
     motion = Motion(robot, frames, away, worlds)
     file = LoadedSession(text(declared.session(robot, DT)))
@@ -136,7 +136,7 @@ def measure(name: str, away: float, worlds: int, ticks: int, threads: int) -> Me
 
 
 def session_rate(name: str, away: float, ticks: int, worlds: int = 20) -> float:
-    """Ticks a second of one session from a file after another, from Python; the median tick of each, their mean."""
+    """Ticks per second of single sessions from files, from Python: mean over sessions of the median tick."""
     declared, robot, frames = controller(name)
     motion = Motion(robot, frames, away, worlds)
     session = LoadedSession(text(declared.session(robot, DT)))

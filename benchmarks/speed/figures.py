@@ -1,4 +1,4 @@
-"""How long ticks take, as a figure."""
+"""Distribution of tick times as a figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded loops of five robots again in C++, from their plans' files: same bits, allocations, how long ticks take."""
+"""Replay of recorded loops of five robots in C++, from plan files: equal bits, allocations, times of ticks."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ALONE = (
     f"{COMMAND} --ticks 100000 {PAGE}",
     "<!-- end of loops -->",
 )
-"""Before and after the table in its page."""
+"""Marks before and after the table in its page."""
 BESIDE = (
     f"{COMMAND} --ticks 20000 --busy 4 {PAGE}",
     "<!-- end of loops beside others -->",
 )
-"""The same of the table beside busy processes."""
+"""Marks of the table beside busy processes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Record, build, run, show, write; returns 1 if a number, a status or an allocation is another."""
+    """Record, build, run, show, write; returns 1 if a number, a status or an allocation differs."""
     ticks = 1000 if arguments.quick else arguments.ticks
     recorded = min(arguments.recorded, ticks)
     arguments.folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def beside(count: int) -> Iterator[None]:
-    """So many processes that do nothing but compute."""
+    """Run ``count`` processes that compute without pause."""
     others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield
@@ -82,7 +82,7 @@ def beside(count: int) -> Iterator[None]:
 
 
 def record(robot: str, formulation: str, ticks: int, folder: Path) -> Path:
-    """The plan of a loop, its ticks beside it."""
+    """Write the plan of a loop and its ticks."""
     module = "tests.export.native.record"
     command = [sys.executable, "-m", module, robot, "--formulations", formulation, "--ticks", str(ticks)]
     subprocess.run([*command, "--folder", str(folder.resolve())], check=True, stdout=sys.stderr, cwd=ROOT)
@@ -90,7 +90,7 @@ def record(robot: str, formulation: str, ticks: int, folder: Path) -> Path:
 
 
 def build(folder: Path) -> Path:
-    """The program that replays recordings, made with CMake."""
+    """Build the program that replays recordings, with CMake."""
     source = ROOT / "tests/export/native"
     cmake = Path(hqp.__file__).parent / "cmake"
     for command in (

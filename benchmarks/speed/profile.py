@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 FEW = 100
-"""A solver that was given half as many problems, or half of the most, is drawn."""
+"""Number of problems of which a drawn solver received at least half; less if all solvers received fewer."""
 
 
 def _median(times: Mapping[str, float], common: Sequence[str]) -> float:
@@ -20,10 +20,9 @@ def _median(times: Mapping[str, float], common: Sequence[str]) -> float:
 
 
 def performance(walls_us: Mapping[str, Mapping[str, float]], path: Path) -> Path:
-    """Draw it over the problems that every solver was given, so that all curves count the same ones.
+    """Draw the profile over the problems that every solver received, so that all curves count equal problems.
 
-    walls_us: per solver the time of each problem.  A solver that was given less than half as many as the most is left
-    out and named in the title.
+    walls_us: time of each problem by solver.  The title names solvers that received too few problems and are omitted.
     """
     most = max(map(len, walls_us.values()), default=0)
     fewest = min((len(t) for t in walls_us.values() if 2 * len(t) >= min(most, FEW)), default=0)
@@ -39,7 +38,7 @@ def performance(walls_us: Mapping[str, Mapping[str, float]], path: Path) -> Path
     without = f"; without {', '.join(left)}, which take too few of them" if left else ""
     axis.set_title(f"{len(common)} problems that all were given{without}", fontsize=9, loc="left")
     axis.set_xscale("log")
-    axis.set_xlim(0.9, None)  # the fastest solver's curve stands beside the axis, not on it
+    axis.set_xlim(0.9, None)  # keeps the fastest solver's curve off the axis
     axis.set_ylim(0.0, 1.02)
     axis.set_xlabel("time over that of the fastest solver")
     axis.set_ylabel("share of the problems")

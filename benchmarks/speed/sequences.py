@@ -1,4 +1,4 @@
-"""Consecutive hierarchies of a 500 Hz control loop, as a solver meets them there."""
+"""Consecutive hierarchies of a 500 Hz control loop."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from hqp.arrays import Vec
 from tests.scenes.mistry2008 import HZ, paper_stack, roles
 
 ROBOTS = {"loop38": "talos", "loop57": "cbi"}
-"""Sets of this module and the robot in the loop; the number is that of its variables."""
+"""Sets of this module and the robot in the loop; the number in the name counts its variables."""
 
 TICKS = 2000
 SIZE, PACE = 2.0, 5.0
-"""The hand's figure is so much larger and faster than the paper's, so that joint limits come and go."""
+"""Factors of size and speed of the hand's figure over the paper's, so that joint limits become active and inactive."""
 
 
 @cache

@@ -26,10 +26,10 @@ SEQUENCES = ("e38", "e57")
 
 FLOOR = "dgeqp3"
 SLOW_PROBLEMS, QUICK_PROBLEMS = 8, 4
-"""Problems of a set that a slow solver is given, and all solvers with --quick."""
+"""Problems of a set for a slow solver, and for all solvers with --quick."""
 
 SLOW_TICKS, LOOP_REPEATS = 50, 3
-"""Ticks of a loop that a slow solver is given, and all solvers with --quick; times that a loop is run through."""
+"""Ticks of a loop for a slow solver, and for all solvers with --quick; repetitions of a loop."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, show, write; 1 where the native solver called an answer solved that the certificate refuses."""
+    """Measure, show, write; return 1 if the certificate refuses an answer that the native solver calls solved."""
     subjects, others = _subjects(arguments.solvers), arguments.others
     repeat = arguments.repeat or (3 if arguments.quick else 20)
     found: list[Measured] = []
@@ -157,7 +157,7 @@ def _row(name: str, label: str, start: str, laps: Sequence[stopwatch.Lap], certi
 
 
 def _random(count: int) -> dict[str, object]:
-    """The solver on hard random hierarchies: how many it solved, how many of those the certificate refuses."""
+    """Solve hard random hierarchies: number solved, and number of these that the certificate refuses."""
     solver = solvers.load("lexicographic")
     refused, unsolved, uncertain, most = [], [], 0, 0
     with report.bar() as bar:

@@ -1,4 +1,4 @@
-"""Times of solves with the unit they are told in, taken in turns so that both meet the same machine."""
+"""Times of solves and of their unit, measured in turns so that both share the machine's state."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Lap:
 
 @cache
 def stacks(name: str) -> tuple[Mat, ...]:
-    """Equality stacks of a set, all levels in one matrix, as LAPACK wants them."""
+    """Equality stacks of a set, all levels in one matrix in LAPACK's order."""
     return tuple(np.asfortranarray(np.vstack([r.dense(p.n) for r in p.levels])) for p in problems.load(name))
 
 
@@ -43,7 +43,7 @@ def factorisation(A: Mat, repeat: int) -> float:
 
 
 def solve(solver: Solver, problem: Hierarchy, A: Mat, repeat: int, warm: bool) -> Lap:
-    """A kept workspace, reset before each solve unless warm, a dgeqp3 of A in between."""
+    """Solve in one workspace, reset before each solve unless warm, with a dgeqp3 of A in between."""
     workspace = solver.workspace(problem.shape)
     solution = workspace.solve(problem)
     times, floors = np.zeros(repeat), np.zeros(repeat)
@@ -64,7 +64,7 @@ def solve(solver: Solver, problem: Hierarchy, A: Mat, repeat: int, warm: bool) -
 
 
 def sequence(solver: Solver, sequence: Sequence[Hierarchy], A: Mat, repeat: int) -> list[Lap]:
-    """The problems in order, each refilled in place and warm from the one before, the whole ``repeat`` times."""
+    """Solve the problems in order, each refilled in place and warm from the previous one, ``repeat`` times."""
     live = sequence[0].copy()
     workspace = solver.workspace(live.shape)
     times, floors = np.zeros((repeat, len(sequence))), np.zeros((repeat, len(sequence)))
@@ -93,7 +93,7 @@ def _refill(live: Hierarchy, problem: Hierarchy) -> None:
 
 
 def _unit(A: Mat) -> float:
-    """The second of two: a long solve leaves the caches cold, which must not lengthen the unit."""
+    """Time the second of two factorisations: after a long solve the first one finds cold caches."""
     _factorise(A)
     return _factorise(A)
 

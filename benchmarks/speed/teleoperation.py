@@ -1,7 +1,7 @@
 """Ticks of hands that follow a goal: UR5, Panda and G1, against the two bare Pinocchio calls and placo of the same run.
 
-placo (pip install placo) is measured where it is installed; it pins another version of Pinocchio, so that it takes an
-environment of its own.  Its tick is one weighted QP: hands 1, CoM and feet hard, posture 1e-3, joint limits.
+placo (pip install placo) is measured if it is installed; it pins another version of Pinocchio and needs its own
+environment.  Its tick is one weighted QP: hands 1, CoM and feet hard, posture 1e-3, joint limits.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from hqp.tasks import Com, FixedContact, JointLimits, Pose, Posture
 from tests.scenes.mistry2008 import HZ
 
 WARM_UP = 100
-"""Ticks before the first that counts."""
+"""Ticks before the measurement."""
 
 START = {"ur5": (0.3, -1.0, 1.2, -0.8, 0.6, 0.2)}
-"""Joint angles [rad] to start from where home is singular."""
+"""First joint angles [rad] of robots with a singular home."""
 
 GOALS = {"ur5": (8.0, 9.0, 1.9), "panda": (8.0, 9.0, 1.9), "g1": (25.0, np.inf, 0.7)}
-"""To reach: the median tick [us], times the two Pinocchio calls, times placo."""
+"""Goals of the median tick: time [us], ratio to the two Pinocchio calls, ratio to placo."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Run:
     off: float
 
     def record(self) -> dict[str, object]:
-        """The run as plain numbers; off [m, rad]: of the hands at the end."""
+        """The run as plain numbers; off: error of the hands at the end [m, rad]."""
         median, floor = float(np.median(self.wall)), float(np.median(self.floor))
         return {
             "robot": self.robot,
@@ -84,7 +84,7 @@ class Run:
 
 
 def goals(starts: list[Mat], t: float) -> list[Mat]:
-    """Poses that circle in front of where the hands began."""
+    """Poses that circle in front of the hands' first places."""
     moved = [pose.copy() for pose in starts]
     for pose in moved:
         pose[:3, 3] += 0.05 * np.array([np.sin(t), 1.0 - np.cos(t), 0.5 * np.sin(2.0 * t)])
@@ -92,7 +92,7 @@ def goals(starts: list[Mat], t: float) -> list[Mat]:
 
 
 def measure(name: str, count: int) -> Iterator[Run]:
-    """Ours, and placo where it is installed, in turns of one loop each."""
+    """Measure hqp, and placo if it is installed, in turns of one loop each."""
     s = scene(name)
     start = s.robot.home.copy()
     if name in START:
@@ -103,7 +103,7 @@ def measure(name: str, count: int) -> Iterator[Run]:
 
 
 Step = Callable[[Vec, Vec, list[Mat]], tuple[Vec, Vec, bool, int]]
-"""One tick: q, v and goals in; the next q and v, whether it was solved, and its time [ns]."""
+"""One tick: q, v and goals in; the next q and v, true if solved, and its time [ns]."""
 
 
 def _loop(s: Scene, name: str, step: Step, start: Vec, count: int) -> Run:
@@ -170,7 +170,7 @@ def placo_step(s: Scene, start: Vec, clock: Callable[[], int] = perf_counter_ns)
         task.configure(hand.frame, "soft", 1.0, 1.0)
         tasks.append(task)
     for sole in s.robot.landmarks.get("soles", ()) if s.robot.floating else ():
-        # where a sole is not in the file, what holds its joint's body holds it, too
+        # a sole that is not in the file is fixed to its joint's body
         joint = s.robot.model.frames[s.robot.frame(sole)].parentJoint
         frame = sole if sole in model.frame_names() else s.robot.model.names[joint]
         solver.add_frame_task(frame, model.get_T_world_frame(frame)).configure(frame, "hard", 1.0, 1.0)
@@ -211,7 +211,7 @@ def rows(runs: list[Run]) -> Iterator[tuple[str, ...]]:
 
 
 def outcomes(runs: list[Run]) -> Iterator[tuple[str, str, str, str]]:
-    """The goals with what was measured, misses as misses."""
+    """Each goal with its measurement and verdict."""
     for run in runs:
         if "placo" in run.name or run.robot not in GOALS:
             continue

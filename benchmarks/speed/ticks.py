@@ -23,16 +23,16 @@ from hqp.tasks import Com, Position
 from tests.scenes.mistry2008 import HZ, paper_stack, roles
 
 JUDGED = 100
-"""Every so many ticks the answer is judged, outside the timed part: a fast wrong answer must not look good."""
+"""Ticks between two certificates, outside the timed part: a fast wrong answer must not look good."""
 
 
 PATIENCE = 4.0
-"""After so long a slow solver is given no more ticks [s]."""
+"""Time after which a slow solver's run ends [s]."""
 
 
 @dataclass(frozen=True)
 class Ticks:
-    """A run of the lab; hand_rms [m]: that the work was done."""
+    """A run of the lab; hand_rms: error of the hand, which shows that the solver did the work [m]."""
 
     robot: str
     stack: str
@@ -47,12 +47,12 @@ class Ticks:
 
     @property
     def median(self) -> float:
-        """Of the ticks [us]."""
+        """Median time of a tick [us]."""
         return float(np.median(self.wall))
 
     @property
     def unsolved(self) -> int:
-        """Ticks whose status is no optimum."""
+        """Number of ticks without an optimal status."""
         return self.run.unsolved
 
     @property
@@ -99,7 +99,7 @@ def spread(values: Vec) -> dict[str, float]:
 
 
 def bare_calls(robot: Robot) -> Callable[[Vec], None]:
-    """What the stack needs of Pinocchio at a configuration, on data of its own, and nothing else."""
+    """Pinocchio's calls that the stack needs at a configuration, alone, on separate data."""
     model, data = robot.model, robot.model.createData()
 
     def call(q: Vec) -> None:
@@ -134,7 +134,7 @@ def measure(
     robot: Robot, stack: Stack, goals: Goals, hand: Position, formulation: Formulation, name: str, solver: Solver,
     ticks: int, dt: float, bare: Callable[[Vec], None] | None = None,
 ) -> Ticks:  # fmt: skip
-    """A loop in which each command is carried out exactly; a solver that takes no inequalities leaves them out."""
+    """Run a loop with exact integration of each command; a solver without inequalities gets none."""
     if not solver.inequalities:
         name, solver = f"{name} (limits ignored)", solvers.load(name, ignore_inequalities=True)
     found = run_loop(

@@ -22,14 +22,14 @@ from tests.scenes.mistry2008 import HZ
 ROBOTS = ("cbi", "talos")
 
 Through: TypeAlias = Callable[[str, solvers.Solver, int], Ticks]
-"""A scene through a solver, by name, for so many ticks."""
+"""A scene with a solver, by name, for a number of ticks."""
 
 WITHOUT_SOLVE_US, TIMES_FLOOR, WHOLE_US = 45.0, 7.0, 250.0
-"""To reach on Talos, median: all but the solve, also as a multiple of the floor; the fastest strict solver's tick."""
+"""Goals of medians on Talos: tick without the solve, its ratio to the floor, the fastest strict solver's tick."""
 
 
 GAP = 1e-6
-"""Certificate gap that a solved tick of a strict solver must keep."""
+"""Largest certificate gap of a solved tick of a strict solver."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,13 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_counts(parser: argparse.ArgumentParser) -> None:
-    """How many ticks, and which solvers."""
+    """Options of the number of ticks and of the solvers."""
     parser.add_argument("--ticks", type=int, default=None, metavar="N", help="ticks a solver, default 2000")
     parser.add_argument("--solvers", nargs="+", default=None, metavar="NAME", help="default: all available")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, show, write; 1 where a solved answer was wrong.  Times depend on the machine and fail nothing."""
+    """Measure, show, write; return 1 if a solved answer is wrong.  Times depend on the machine and fail nothing."""
     count = arguments.ticks or (200 if arguments.quick else 2000)
     names = arguments.solvers or list(solver_sets.every())
     scenes = [partial(ticks.paper, robots.load(name)) for name in arguments.robots]
@@ -115,7 +115,7 @@ def summary(runs: list[Ticks]) -> Iterator[str]:
 
 
 def wrong(run: Ticks) -> bool:
-    """Whether a strict solver under limits called an answer solved that the certificate refuses."""
+    """Return true if the certificate refuses an answer that a strict solver under limits calls solved."""
     return run.solver in solver_sets.bounded() and not run.unsolved and not run.gap <= GAP
 
 
@@ -142,7 +142,7 @@ GOAL_HEADER = ("", "goal", "measured", "outcome")
 
 
 def _goals(runs: list[Ticks]) -> list[tuple[str, str, str, str]]:
-    """The goals on Talos with what was measured, misses as misses."""
+    """Each goal on Talos with its measurement and verdict."""
     limited = [r for r in runs if r.robot == "talos" and "ignored" not in r.solver]
     strict = [r for r in limited if r.solver in solver_sets.strict() and not r.unsolved]
     if not strict:
@@ -158,7 +158,7 @@ def _goals(runs: list[Ticks]) -> list[tuple[str, str, str, str]]:
 
 
 def goal(text: str, most: float, measured: float, unit: str) -> tuple[str, str, str, str]:
-    """A goal with what was measured, a miss as a miss."""
+    """A goal with its measurement and verdict."""
     return text, f"{most:g} {unit}", f"{measured:.1f} {unit}", "reached" if measured <= most else "MISSED"
 
 

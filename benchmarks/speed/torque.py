@@ -31,7 +31,7 @@ from hqp.tasks import (
 from tests.scenes import sentis2012
 
 GOALS_US = {"dreamer": 200.0, "talos": 400.0}
-"""To reach with the native solver, median of the whole tick."""
+"""Goals of the native solver's median tick [us]."""
 
 Scene: TypeAlias = tuple[Robot, Stack, Goals, Position]
 
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, show, write; 1 where a solved answer was wrong.  Times depend on the machine and fail nothing."""
+    """Measure, show, write; return 1 if a solved answer is wrong.  Times depend on the machine and fail nothing."""
     count = arguments.ticks or (200 if arguments.quick else 2000)
     names = [name for name in arguments.solvers or solver_sets.every() if solvers.load(name).metric]
     scenes = (dreamer(), talos())

@@ -1,6 +1,6 @@
-"""What ticks cost whose levels are not met: hands out of reach beside placo and price 0, large trees, cut postures.
+"""Times of ticks with unmet levels: hands out of reach beside placo and price 0, large trees, split postures.
 
-All times are CPU time of the thread, so that a busy machine does not show; every pair runs turn by turn in one loop.
+All times are CPU times of the thread, which a busy machine does not change; every pair runs turn by turn in one loop.
 ``python -m benchmarks.speed.unmet`` prints the table of docs/results/solver.md.
 """
 
@@ -41,7 +41,7 @@ from hqp.tasks import (
 from tests.scenes.mistry2008 import HZ
 
 WARM_UP, FAR = 200, 1.0
-"""Ticks before the first that counts; how far ahead of where it begins a hand is asked to be [m]."""
+"""Ticks before the measurement; distance of a hand's target ahead of its first place [m]."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Loop:
 
 
 class Placo:
-    """The same hands through placo's weighted program."""
+    """The loop's hands through placo's weighted program."""
 
     def __init__(self, scene: teleoperation.Scene, aims: list[Mat]) -> None:
         self.aims, self.spent = aims, list[int]()
@@ -90,13 +90,13 @@ class Placo:
         self._step = teleoperation.placo_step(scene, self.q, thread_time_ns)
 
     def step(self) -> None:
-        """One step of its solver."""
+        """Run one step of placo's solver."""
         self.q, self.v, _, spent = self._step(self.q, self.v, self.aims)
         self.spent.append(spent)
 
 
 def run(scene: str, loop: Loop, other: Loop | Placo | None, against: str, ticks: int) -> Line:
-    """Both in turns."""
+    """Measure both loops in turns."""
     gc.collect()
     gc.disable()
     try:
@@ -113,7 +113,7 @@ def run(scene: str, loop: Loop, other: Loop | Placo | None, against: str, ticks:
 
 
 def ahead(robot: Robot, hands: Sequence[Pose], far: float = FAR) -> list[Mat]:
-    """Poses of the hands so far ahead [m]."""
+    """Poses ``far`` ahead of the hands [m]."""
     state, poses = robot.state(robot.home), []
     for hand in hands:
         pose = np.array(hand.value(state))
@@ -136,7 +136,7 @@ def out_of_reach(ticks: int) -> Iterator[Line]:
 
 
 def tree(joints: int, path: Path) -> Robot:
-    """Four limbs of so many joints each on a floating base; the first two are hands, the others stand."""
+    """Four limbs on a floating base, each with ``joints`` joints; the first two are hands, the others stand."""
     text = ['<robot name="tree">', _body("base", 10.0)]
     for limb in range(4):
         parent = "base"
@@ -175,7 +175,7 @@ def large(ticks: int) -> Iterator[Line]:
 
 
 def last_levels(ticks: int) -> Iterator[Line]:
-    """The posture in two levels beside one; G1 with hands a little ahead, base and postures that cannot be met."""
+    """The posture in two levels beside one: G1 with hands a little ahead, base and postures out of reach."""
     for name in ("talos", "g1"):
         robot = hqp.robots.load(name)
         hard: list[Element] = [*(FixedContact(frame=f) for f in robot.landmarks["soles"]), JointLimits()]
@@ -193,7 +193,7 @@ def last_levels(ticks: int) -> Iterator[Line]:
 
 
 def collision(ticks: int) -> Iterator[Line]:
-    """G1: palms asked to the same place in front of the chest, collisions avoided."""
+    """G1: one target for both palms in front of the chest, with collision avoidance."""
     robot = hqp.robots.load("g1")
     feet = [FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
     hands = [Position(frame=frame, law=P(5.0)) for frame in robot.landmarks["palms"]]
@@ -227,7 +227,7 @@ PARTS = {f.__name__: f for f in (out_of_reach, large, last_levels, collision, wa
 
 
 def main() -> None:
-    """The table, of the parts named or of all."""
+    """Print the table of the named parts, or of all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--ticks", type=int, default=2000)

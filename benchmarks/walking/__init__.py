@@ -1,1 +1,1 @@
-"""Bipeds that walk in MuJoCo, many times with trifles changed."""
+"""Bipeds that walk in MuJoCo, many times with small changes."""

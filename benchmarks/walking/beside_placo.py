@@ -25,10 +25,10 @@ CASES = (("talos", 3000.0), ("talos", 1000.0), ("g1", 500.0), ("g1", 100.0))
 
 DT, SPEED, STEPS, SECONDS = 0.002, 0.2, 12, 10.4
 STANDS, GOES, STOPS = 0.5, 0.6, 8.4
-"""A replay stands so long before it begins; the walker is told to go and to stop then [s]."""
+"""Times at which a replay begins, the walker starts, and the walker stops [s]."""
 
 DAMPING = 0.03
-"""Of the servos, by their stiffness [s]."""
+"""Damping of the servos by their stiffness [s]."""
 
 
 def main() -> int:
@@ -78,7 +78,7 @@ def _placo(name: str) -> Mat:
 
 
 def _replayed(name: str, q: Mat, kp: float) -> str:
-    """How far a plan gets that servos follow, whatever happens."""
+    """Distance that a plan covers on servos, open loop."""
     walker = _walker(name)
     robot, soles = walker.robot, [foot.frame for foot in walker.feet]
     servo, floor = Servo(other=kp, damping_time=DAMPING), Plane(friction=0.5)
@@ -97,7 +97,7 @@ def _replayed(name: str, q: Mat, kp: float) -> str:
 
 
 def _walked(name: str, kp: float) -> str:
-    """How far the walker gets on these servos, on the true state."""
+    """Distance that the walker covers on these servos, on the true state."""
     walker = _walker(name)
     servo = Servo(other=kp, damping_time=DAMPING)
     course = Course(walker, sensors=None, delay=0.0, servo=servo, terrain=Plane(friction=0.5))

@@ -1,4 +1,4 @@
-"""What is walked many times: a robot, a speed, and what happens to it."""
+"""Cells of the walking statistics: a robot, a speed, a disturbance."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from hqp.robots.on_mujoco import Ramp, Servo, Tiles
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A walk of ``seconds`` at a velocity; after a stand of 20 s for none.
+    """Walk of ``seconds`` at a velocity; a stand of 20 s if ``seconds`` is 0.
 
     push: impulse over mass, sideways, at an instant of a step that differs from run to run [m/s].  ground: flat, ramp
-    (10 degrees) or tiles (+-20 mm).  servo: kp of position servos in place of torque motors [N m/rad], 0 for none.
-    feels: whether its feet have force sensors.  falls: of 20 runs, at most; None where nothing is asked.
+    (10 degrees) or tiles (+-20 mm).  servo: kp of position servos in place of torque motors [N m/rad], 0 for torques.
+    feels: true if the feet have force sensors.  falls: most falls of 20 runs; None without a limit.
     """
 
     robot: str
@@ -35,10 +35,10 @@ class Cell:
 
 
 PUSHED = 0.1
-"""For how long [s]."""
+"""Duration of a push [s]."""
 
 SPEEDS = {"talos": (0.3, 0.4), "g1": (0.2, 0.3), "cbi": (0.15, 0.25)}
-"""Asked and beyond [m/s]."""
+"""Speeds with a limit of falls and without one [m/s]."""
 
 PUSHES = {"talos": 0.2, "g1": 0.13, "cbi": 0.13}
 SERVOS = 100.0, 500.0
@@ -66,7 +66,7 @@ def cells() -> Mapping[str, Cell]:
 
 
 def one_run(cell: str, seed: int) -> dict[str, Any]:
-    """The figures of one run; a case of a sweep."""
+    """Figures of one run; a case of a sweep."""
     declared = cells()[cell]
     ground: Any = None
     if declared.ground == "ramp":

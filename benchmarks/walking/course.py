@@ -17,20 +17,20 @@ from hqp.walking import course as walking
 
 DT = 0.002
 MASSES, OFFSET, DELAY, FRICTION = 0.1, 0.005, 0.004, 0.5
-"""Of a run: masses are so much more or less than the model's, encoders so far off [rad], delay [s], mu."""
+"""Disturbances of a run: share of mass above or below the model's, encoder offset [rad], delay [s], mu."""
 
 SETTLE, STOP = 1.0, 3.0
-"""Standing before the walk and after it [s]."""
+"""Durations of standing before the walk and after it [s]."""
 
 CUT = 0.8
-"""Share of the period after which a tick is cut off by default."""
+"""Default deadline as a share of the period."""
 
 
 class Course:
-    """A course of the walker, its figures; ``run`` goes on and keeps what it saw.
+    """Course of the walker with its figures; each ``run`` continues it and records.
 
-    seed: of noise, offsets and masses (even seeds: heavier, odd ones: lighter); None for a plant that is as the model
-    says, on its true state.  height: of the ground at the start [m].  servo, feels: as of walking.Course.
+    seed: seed of noise, offsets and masses (even: heavier, odd: lighter); None for a plant equal to the model and the
+    true state.  height: height of the ground at the start [m].  servo, feels: options of walking.Course.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Course:
         self.walker.step = timed  # type: ignore[method-assign]
 
     def run(self, seconds: float, push: Any = None) -> bool:
-        """Go on, pushed at the base by a force ``(3,)`` [N]; False once it has fallen."""
+        """Continue under a force at the base ``(3,)`` [N]; return false after a fall."""
         end = self.plant.time + seconds
         while self.plant.time < end - 1e-9 and math.isnan(self.fell):
             true = self.plant.state()[0]
@@ -115,7 +115,7 @@ class Course:
         return math.isnan(self.fell)
 
     def figures(self) -> dict[str, Any]:
-        """What was seen."""
+        """Figures of the record."""
         ticks = sum(self.statuses.values())
         times, jumps, usual = (np.array(x or [math.nan]) for x in (self.times, self.jumps, self.usual))
         off = np.array(self.off or [[math.nan] * 4])
@@ -136,6 +136,6 @@ class Course:
 
 
 def heading(q: Vec) -> float:
-    """Of a free base [rad]."""
+    """Heading of a free base [rad]."""
     x, y, z, w = q[3:7]
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,4 +1,4 @@
-"""FeetEstimator beside an invariant filter on the same readings of a walk: what each is off by."""
+"""Errors of FeetEstimator and of an invariant filter on equal readings of a walk."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.walking.invariant import InvariantFilter
 from hqp.walking.course import LEAST
 
 SLIPPERY = 0.2
-"""mu under the right foot, where it is asked for."""
+"""mu under the right foot of slippery walks."""
 
 
 def slippery(walker_soles: tuple[str, ...], robot: Any) -> Any:
@@ -28,7 +28,7 @@ def slippery(walker_soles: tuple[str, ...], robot: Any) -> Any:
 
 
 def one_walk(robot: str, speed: float, slips: bool, seed: int, seconds: float = 8.0) -> dict[str, float]:
-    """Errors of both [mm, mm/s, degrees], the largest of the place and the heading, the mean square of the speed."""
+    """Errors of both: largest of place [mm] and heading [deg], root mean square of velocity [mm/s]."""
     import hqp.robots
 
     about = hqp.robots.load(robot, rotors=True)

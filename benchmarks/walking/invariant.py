@@ -19,7 +19,7 @@ GYRO, ACCELEROMETER, VERTICAL, FOOT, CREEP = 0.01, 0.05, 0.002, 2e-3, 0.01
 """Deviations: sensors [rad/s, m/s^2, rad], of a foot in the base's axes [m], of a standing foot's speed [m/s]."""
 
 LANDED = 0.02
-"""For how long a foot bears or lacks its load before it counts as standing or not [s]."""
+"""Time with or without load after which a foot counts as standing or not [s]."""
 
 
 class InvariantFilter:
@@ -75,7 +75,7 @@ class InvariantFilter:
         self.R = R @ exponential(dt * gyro)
 
     def _place(self, i: int, h: Vec) -> None:
-        """A foot that has just landed, or left, is where the encoders say; its error is that of the base and theirs."""
+        """Reset a foot that landed or left to its place by the encoders, with the base's error and theirs."""
         own = slice(9 + 3 * i, 12 + 3 * i)
         self.x[2 + i] = self.x[1] + self.R @ h
         self.P[own, :] = self.P[6:9, :]

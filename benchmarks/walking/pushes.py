@@ -1,4 +1,4 @@
-"""Standing robots pushed from eight sides: what the walker survives beside the most that any controller could."""
+"""Pushes on standing robots from eight sides: the walker's largest beside an upper bound for any controller."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from hqp.walking.bound import largest_push
 from hqp.walking.pendulum import natural_frequency
 
 PUSHED, AFTER = 0.1, 2.0
-"""For how long, and how long after it a robot has to stand [s]."""
+"""Duration of a push, and of the stand that must follow [s]."""
 
 STAYS = 0.02
-"""Soles move by no more [m]: the bound is of feet that stay."""
+"""Largest motion of the soles [m]: the bound assumes that feet stay."""
 
 ASKED = {"talos": 0.75, "cbi": 0.75, "g1": 0.65}
-"""Share of the bound, the median of the directions."""
+"""Goals of the median share of the bound over directions."""
 
 SIDES = ("ahead", "ahead left", "left", "back left", "back", "back right", "right", "ahead right")
 MOST, HALVINGS = 1.4, 5
-"""Shares of the bound that are tried: from 0 to the first, halved so often."""
+"""Largest share of the bound in the bisection, and its number of steps."""
 
 
 class Standing:
-    """A robot that stands, and is pushed."""
+    """Robot that stands under pushes."""
 
     def __init__(self, name: str, seed: int) -> None:
         self.course = Course(name, seed)
         self.course.run(SETTLE)
 
     def soles(self) -> Any:
-        """Where they are ``(2, 3)`` [m]."""
+        """Places of the soles ``(2, 3)`` [m]."""
         return np.array([self.course.plant.place(foot.frame)[0] for foot in self.course.walker.feet])
 
     def bound(self, direction: Any) -> float:
@@ -49,14 +49,14 @@ class Standing:
         return largest_push(corners, com[:2], direction, PUSHED, omega)
 
     def survives(self, direction: Any, impulse: float) -> bool:
-        """Whether it stands where it stood, after an impulse over mass [m/s]."""
+        """Return true if the robot stands, with its soles in place, after an impulse over mass [m/s]."""
         course, before = self.course, self.soles()
         course.run(PUSHED, push=[*(impulse * course.mass / PUSHED * direction), 0.0])
         return course.run(AFTER) and bool(np.abs(self.soles() - before).max() < STAYS)
 
 
 def share(name: str, side: int, seed: int) -> tuple[float, float]:
-    """The largest share of the bound that is survived, from one of the sides, and the bound [m/s]."""
+    """Largest share of the bound without a fall, from one of the sides, and the bound [m/s]."""
     direction = np.array([math.cos(side * math.pi / 4), math.sin(side * math.pi / 4)])
     bound, low, high = 0.0, 0.0, MOST
     for _ in range(HALVINGS):

@@ -1,4 +1,4 @@
-"""Which bipeds of the catalogue walk, by nothing but their own data, and why others do not."""
+"""Bipeds of the catalogue that walk from their model data alone, and the reasons of those that do not."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from benchmarks.lab.outcome import Table, table
 from hqp.errors import DeclarationError, ModelError
 
 SPEED = 0.05
-"""Asked of each robot, a share of sqrt(g height): as fast for the small as for the tall."""
+"""Speed of each robot as a share of sqrt(g height), which scales with its size."""
 
 RUNS = 4
-"""Of each: masses 10 % above and below, two offsets of encoders each."""
+"""Runs of each robot: masses 10 % above and below, two offsets of encoders each."""
 
 SECONDS = 8.0
-"""Of walking, before a stop."""
+"""Duration of walking before a stop [s]."""
 
 
 def bipeds() -> tuple[str, ...]:
-    """Names of the catalogue with a free base and two soles; of several names of one robot the first."""
+    """Names of the catalogue with a free base and two soles; the first name of each robot."""
     import hqp.robots
     from hqp.walking.feet import feet_of
 
@@ -38,7 +38,7 @@ def bipeds() -> tuple[str, ...]:
 
 
 def stature(name: str) -> dict[str, Any]:
-    """What a robot's own data say: size, speed asked of it, which joint bears most of its torque on one foot."""
+    """Data of a robot's model: size, test speed, joint with the largest share of its torque limit on one foot."""
     import hqp.robots
     from hqp.walking import Walker
     from hqp.walking.stance import Stance, borne
@@ -58,12 +58,12 @@ def stature(name: str) -> dict[str, Any]:
 
 
 def speed_of(walker: Any) -> float:
-    """Asked of it [m/s]."""
+    """Test speed [m/s]."""
     return SPEED * math.sqrt(9.81 * walker.height)
 
 
 def one_robot(robot: str, seed: int) -> dict[str, Any]:
-    """Figures of one walk; a case of a sweep."""
+    """Figures of one walk, a case of a sweep."""
     from benchmarks.walking.course import SETTLE, STOP, Course
 
     course = Course(robot, seed)
@@ -100,18 +100,18 @@ KEPT = "seed", "fell", "walked", "aside", "bound", "binds", "optimal"
 
 
 def found(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What the table is made of, by robot."""
+    """Data of the table, by robot."""
     names = dict.fromkeys(row["robot"] for row in rows)
     return {n: {**stature(n), "runs": [{k: r[k] for k in KEPT} for r in rows if r["robot"] == n]} for n in names}
 
 
 def lines(by_robot: Mapping[str, Any]) -> Table:
-    """The lines for people."""
+    """Rows of the table."""
     return table("Bipeds by nothing but their own data", HEADER, [_line(n, one) for n, one in by_robot.items()])
 
 
 def _line(name: str, one: Mapping[str, Any]) -> tuple[str, ...]:
-    """A robot's."""
+    """Row of a robot."""
     rows, (length, width) = one["runs"], one["sole"]
     fell = [row for row in rows if row["fell"] is not None and math.isfinite(row["fell"])]
     walked = [row["walked"] for row in rows if row not in fell]

@@ -1,4 +1,4 @@
-"""Walks many times, seeds a cell: falls, speed, torques' changes, ticks, what the estimator was off by."""
+"""Statistics of walks over seeds by cell: falls, speed, changes of torques, ticks, errors of the estimator."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from benchmarks.walking import robots
 from benchmarks.walking.cells import cells, one_run
 
 RUNS = 20
-"""Of a cell, where nothing is said."""
+"""Default number of runs of a cell."""
 
 ASKED = ("talos, 0.3 m/s", "g1, 0.2 m/s", "cbi, 0.15 m/s")
 
 
 def command(arguments: Any) -> int:
-    """Make the runs that are missing and show the table; 1 where more fall than may, 2 for an unknown cell.
+    """Make missing runs and show the table; return 1 if falls exceed a cell's limit, 2 for an unknown cell.
 
-    ``--cells robots``: the table of bipeds instead, four runs each by default.
+    ``--cells robots`` selects the table of bipeds, by default with four runs each.
     """
     if arguments.cells == ["robots"]:
         cases = [{"robot": n, "seed": k} for k in _seeds(arguments, robots.RUNS) for n in robots.bipeds()]
@@ -50,7 +50,7 @@ def _seeds(arguments: Any, usual: int) -> range:
 
 
 def _runs(arguments: Any, function: str, cases: Sequence[Mapping[str, Any]], folder: str) -> list[dict[str, Any]]:
-    """What was kept of these cases, after those that are missing were made; arguments and figures by name."""
+    """Make the missing cases and read all; arguments and figures by name."""
     from hqp import sweep
 
     kept = arguments.kept or Path(arguments.output) / folder
@@ -62,7 +62,7 @@ def _runs(arguments: Any, function: str, cases: Sequence[Mapping[str, Any]], fol
 
 
 def _show(arguments: Any, found: Any, shown: Callable[[Any], Table]) -> None:
-    """The table in the terminal, what it is made of in a file."""
+    """Print the table, write its data into a file."""
     from benchmarks.reports import report
 
     made = shown(found)
@@ -73,12 +73,12 @@ def _show(arguments: Any, found: Any, shown: Callable[[Any], Table]) -> None:
 
 
 def run(cell: str, seed: int) -> dict[str, Any]:
-    """One run, as a sweep calls it."""
+    """One run, a case of a sweep."""
     return one_run(cell, seed)
 
 
 def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
-    """A cell's line: falls, and percentiles over the runs that did not fall."""
+    """Row of a cell: falls, and percentiles over the runs without a fall."""
     stood = [row for row in rows if not math.isfinite(row["fell"])]
     declared = cells()[cell]
     spread = {
@@ -100,10 +100,10 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
 
 
 def lines(found: Sequence[Mapping[str, Any]]) -> Table:
-    """The lines for people."""
+    """Rows of the table."""
 
     def two(figures: Mapping[str, float]) -> str:
-        there = figures and math.isfinite(figures["worst"])  # no switch while it stands
+        there = figures and math.isfinite(figures["worst"])  # a standing robot has no switch of feet
         return f"{figures['median']:.0f} / {figures['worst']:.0f}" if there else ""
 
     rows = [
@@ -128,7 +128,7 @@ def lines(found: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def experiment(setting: Setting) -> Outcome:
-    """A run of each of the walks that are asked, five in full."""
+    """One run of each walk with a limit of falls, five in full."""
     runs = 5 if setting.full else 1
     outcome = Outcome("walking")
     outcome.parameters = {"runs": runs, "masses": "+-10 %", "encoders [rad]": 0.005, "delay [s]": 0.004, "mu": 0.5}

@@ -30,10 +30,7 @@ SPARE = 5
 
 CEILINGS = {
     "CHANGELOG.md": (30, 55, 15, 55),
-    "benchmarks/mistry2008": (70, 80, 35, 10),
     "benchmarks/sentis2012": (95, 105, 60, 55),
-    "benchmarks/speed": (70, 20, 15, 10),
-    "benchmarks/walking": (115, 105, 80, 105),
     "docs": (30, 50, 15, 20),
     "docs/elements": (45, 50, 20, 40),
     "docs/pictures": (30, 80, 15, 10),

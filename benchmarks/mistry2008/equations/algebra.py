@@ -1,4 +1,4 @@
-"""References by singular values, written from the definitions: what judges the library knows nothing of it."""
+"""References by singular values, written from the definitions and independent of the library that they judge."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CUT = 1e-10
 
 
 def pinv(A: Mat, size: float | None = None) -> Mat:
-    """A^+ by singular values; ``size`` is the norm the cut-off is relative to, that of A by default."""
+    """A^+ by singular values; ``size``: norm of the relative cut-off, by default that of A."""
     U, s, Vt = np.linalg.svd(A, full_matrices=False)
     keep = s > CUT * (s.max(initial=0.0) if size is None else size)
     return np.asarray((Vt[keep].T / s[keep]) @ U[:, keep].T)
@@ -30,7 +30,7 @@ def projector(A: Mat) -> Mat:
 
 
 def rank(A: Mat) -> int:
-    """How many singular values exceed the cut-off."""
+    """Number of singular values above the cut-off."""
     s = np.linalg.svd(A, compute_uv=False)
     return int(np.count_nonzero(s > 1e-9 * s.max(initial=0.0)))
 

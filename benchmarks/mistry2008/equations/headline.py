@@ -1,7 +1,7 @@
 """The controller of the experiments rebuilt from Pinocchio's calls alone: rows, errors, laws, and the velocities.
 
 Eqs. (12) to (17): feet, CoG over the ground and its goal's velocity; the hand; pelvis orientation and CoG height; the
-posture.  Nothing is taken from the session that it judges.
+posture.  It uses nothing of the session that it judges.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tests.scenes.mistry2008 import HZ, Gains, near_home, paper_stack, roles
 
 SEED = 12
 GAINS = Gains(cog=2.0, foot=1.0, hand=2.0, extraneous=1.0, posture=1.0)
-"""Those of the experiments."""
+"""Gains of the experiments."""
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 Levels = list[tuple[Mat, Vec]]
 
@@ -54,10 +54,10 @@ class Where:
 
 
 def levels(here: Where, start: Where, goals: tuple[Vec, Vec, Vec, Vec], sign: float = 1.0) -> Levels:
-    """Rows and velocities asked for; feet, pelvis, CoG height and posture stay where they were at ``start``.
+    """Rows and reference velocities; feet, pelvis, CoG height and posture hold their values at ``start``.
 
-    goals: CoG over the ground and its velocity ``(2,)``, hand and its velocity ``(3,)``.  sign: of the rotations'
-    errors; -1 is a mistake to be seen.
+    goals: CoG over the ground and its velocity ``(2,)``, hand and its velocity ``(3,)``.  sign: factor of the
+    rotations' errors; -1 is a deliberate mistake.
     """
     frames = roles(here.robot)
     com_goal, com_rate, hand_goal, hand_rate = goals
@@ -98,7 +98,7 @@ def checks(robot: Robot, count: int) -> Iterator[Check]:
         for name in names
     }
     for session in sessions.values():
-        session.step(robot.state(start.q))  # takes what is to be held
+        session.step(robot.state(start.q))  # takes the hold values
     off: dict[str, list[float]] = {name: [] for name in names}
     wrong, cases = [], []
     for _ in range(count):

@@ -18,7 +18,7 @@ GAIN = 2.0
 """Gain of the hand in the figure-8 [1/s]; the paper gives none."""
 
 HAND_RMS, COG_ERROR, FOOT_ERROR = 0.2e-3, 0.02e-3, 0.01e-3
-"""What the loops with the recursive projector are held to [m]."""
+"""Limits of the loops with the recursive projector [m]."""
 
 PERIODS = (0.008, 0.004, 0.002, 0.001)
 """Control periods of the drift [s]."""
@@ -103,7 +103,7 @@ def _side_to_side(robot: Robot, runs: Experiments) -> Iterator[Check]:
 
 
 def _regulation(robot: Robot) -> Iterator[Check]:
-    """Statement 6 of the equivalences: a reachable target is met by both, by (16) more slowly."""
+    """Statement 6 of the equivalences: both methods reach a reachable target, (16) more slowly."""
     stack = paper_stack(roles(robot), Gains(hand=GAIN))
     aside = np.array([-0.02, 0.03, 0.04])
     errors = {}

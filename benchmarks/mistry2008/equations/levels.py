@@ -36,7 +36,7 @@ class Evaluated:
         self.robot = robot
         formulation = hqp.Velocity() if order == 1 else hqp.Acceleration()
         stack = Stack(*(Level(element) for element in elements))
-        if order == 2:  # J x = -dJ/dt v is what is left of a law without gains
+        if order == 2:  # a law without gains reduces to J x = -dJ/dt v
             stack = stack.with_laws({element.name: PD(0.0, 0.0) for element in elements})
         self.session = hqp.Controller(stack, formulation, solver="nullspace", price=0, deadline=math.inf).session(
             robot, dt=1.0 / HZ
@@ -107,5 +107,5 @@ def hierarchy(levels: Sequence[tuple[Mat, Vec]]) -> Hierarchy:
 
 
 def solve(solver: Solver, levels: Sequence[tuple[Mat, Vec]]) -> Vec:
-    """What a solver of the library makes of equality levels."""
+    """Solve equality levels with a solver of the library."""
     return solver.solve(hierarchy(levels)).x

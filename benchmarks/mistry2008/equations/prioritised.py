@@ -1,4 +1,4 @@
-"""Eqs. (12), (16), (17) and footnote 3: the prioritised inverse as printed, and where its claims end."""
+"""Eqs. (12), (16), (17) and footnote 3: the prioritised inverse as printed, and the limits of its claims."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LAMBDA = 1e-3
 """Damping of footnote 3 [units of J]."""
 
 CONFLICT = 1e-7
-"""How far level B is from lying in the rows of level A."""
+"""Distance of level B's rows from the row space of level A."""
 
 
 def checks(robot: Robot, count: int) -> Iterator[Check]:
@@ -54,7 +54,7 @@ def _law(robot: Robot, count: int) -> Iterator[Check]:
 
 
 def solver_projector(solver: Solver, above: list[Mat]) -> Mat:
-    """N of the levels above, column by column: what a solver leaves of a unit vector asked for below them."""
+    """N of the levels above, column by column: a solver's answer to a unit vector as the target below them."""
     n = above[0].shape[1]
     zeros = [(J, np.zeros(J.shape[0])) for J in above]
     return np.stack([solve(solver, [*zeros, (np.eye(n), unit)]) for unit in np.eye(n)], axis=1)
@@ -138,7 +138,7 @@ def _cut(J: Mat, cut: float) -> Mat:
 
 
 def _coordinates(robot: Robot, count: int) -> Iterator[Check]:
-    """M13: (16) depends on the units of the base translation; of the hierarchy only null motion does."""
+    """M13: (16) depends on the units of the base translation; the hierarchy only in its null motion."""
     nullspace, chiaverini = solvers.load("nullspace"), solvers.load("chiaverini")
     scale = np.ones(robot.nv)
     scale[:3] = 1e-3  # base translation in mm

@@ -56,7 +56,7 @@ def _drift(robot: Robot, count: int) -> Iterator[Check]:
             np.concatenate([J @ v for J in library.at(robot.integrate(q, s * v, STEP), v)]) for s in (1.0, -1.0)
         )
         own.append(largest(drift - (ahead - behind) / (2.0 * STEP)))
-        # the same with the base's linear velocity constant in world axes: dv_b/dt = -omega x v_b in its own
+        # world axes: the base's linear velocity is constant in them, dv_b/dt = -omega x v_b in base axes
         R = _base_rotation(robot, q)
         turned = []
         for s in (1.0, -1.0):

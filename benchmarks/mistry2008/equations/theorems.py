@@ -1,10 +1,10 @@
-"""How eq. (16), the recursive projector and the hierarchical QP relate: six statements, each measured.
+"""Relations of eq. (16), the recursive projector and the hierarchical QP: six measured statements.
 
 1 HQP = recursive projector at every rank.  2 (16) shares level A's residual, never has a smaller one at level B.
 3, 4 when (16) coincides with the HQP.  5 (16) is an HQP for other targets.  6 how (16)'s second level converges.
 
-A solver that wraps a QP back end may answer a problem without inequalities by a recursion of its own.  Each of them
-therefore gets a box that is never active, and a row fails where the back end was not asked all the same.
+A solver that wraps a QP back end may answer a problem without inequalities by its own recursion.  A box that is never
+active makes each of them call its back end; a row fails if it does not.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def checks(robot: Robot, count: int) -> Iterator[Check]:
 
 
 def variants(levels: PaperLevels, rng: np.random.Generator) -> dict[str, Levels]:
-    """The paper's levels as they are, with dependent rows, and in conflict; the posture fixes what is left."""
+    """The paper's levels as they are, with dependent rows, and in conflict; the posture makes the answer unique."""
     n = levels.J_A.shape[1]
     last = (np.eye(n)[6:], rng.standard_normal(n - 6))
     A, B, E = levels.pairs
@@ -59,7 +59,7 @@ def variants(levels: PaperLevels, rng: np.random.Generator) -> dict[str, Levels]
 
 
 def ask(solver: Solver, stack: Levels) -> Solution:
-    """A solver's answer to levels under a box far outside the solution; the plain levels where it takes none."""
+    """A solver's answer to levels under a box far outside the solution, without the box if it takes no bounds."""
     rows = [Rows(J, target, target) for J, target in stack]
     if not solver.inequalities:
         return solver.solve(Hierarchy(tuple(rows)))
@@ -69,12 +69,12 @@ def ask(solver: Solver, stack: Levels) -> Solution:
 
 
 def asked(solver: Solver, solution: Solution) -> bool:
-    """Whether a wrapped back end took part: it iterated, or time was spent in it."""
+    """Return true if the solver called its back end: it reports iterations or time."""
     return not hasattr(solver, "refine") or solution.stats.iterations > 0 or solution.stats.solve_s > 0.0
 
 
 def alone(solver: Solver) -> Solver | None:
-    """The wrapped back end without our refinement of its answer; None for a solver that has none."""
+    """The solver without our refinement of its back end's answer; None for a solver without back end."""
     return replace(solver, refine=False) if hasattr(solver, "refine") else None  # type: ignore[type-var]
 
 
@@ -96,7 +96,7 @@ def _equal_to_projector(robot: Robot, count: int) -> Iterator[Check]:
 
 
 def _back_end(solver: Solver, problems: list[tuple[Levels, Vec]]) -> str:
-    """What the back end reaches by itself: told, not judged, for the answer that is returned is the refined one."""
+    """Error of the back end's own answer in words, for the note; the row judges the refined answer."""
     bare = alone(solver)
     if bare is None:
         return ""
@@ -135,7 +135,7 @@ def _never_better(robot: Robot, count: int) -> Iterator[Check]:
 
 
 def orthogonal(stack: Levels) -> Levels:
-    """The same targets on row spaces made orthogonal to those above (statement 3's condition)."""
+    """Make each level's row space orthogonal to those above, with equal targets (statement 3's condition)."""
     above: Mat = np.zeros((0, stack[0][0].shape[1]))
     result: Levels = []
     for J, target in stack:

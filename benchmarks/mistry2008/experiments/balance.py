@@ -28,28 +28,28 @@ from hqp.tasks import Com, Position
 from tests.scenes.mistry2008 import Gains
 
 PERIOD = 0.002
-"""Of position commands: 500 Hz, as on the robot [s]."""
+"""Period of position commands: 500 Hz, as on the robot [s]."""
 
 AHEAD = 0.016
-"""The CoG is kept this far ahead of the ankles, midway between them [m]."""
+"""Distance of the CoG ahead of the midpoint of the ankles [m]."""
 
 SOLES = ("l_sole", "r_sole")
 
 SETTLE = 2.0
-"""The CoG is brought there in this time, before a run's clock starts [s]."""
+"""Time in which the CoG moves there before a run's clock starts [s]."""
 
 Feedback = Literal["task", "none", "reset"]
-"""Whose state the rows are evaluated at: ``task``, the measured one, with commands integrated on their own;
+"""State at which the rows are evaluated: ``task``, the measured one, with commands integrated separately;
 ``none``, the commanded one; ``reset``, the measured one, from which every command starts again."""
 
 
 GAINS = Gains(foot=0.3, hand=2.0, extraneous=1.0)
-"""What the stiff position servos of the plant take well [1/s].  Feet tilt by 0.4 mrad on soft ground, which no joint
-can undo: a feedback that tries pushes the CoG off, by 0.4 mm at 1/s."""
+"""Gains for the plant's stiff position servos [1/s].  Feet tilt by 0.4 mrad on soft ground, which no joint can undo:
+feedback of the tilt moves the CoG off its goal, by 0.4 mm at 1/s."""
 
 Knows = Literal["senses", "truth"]
-"""What the controller knows of its base: ``senses``, an estimate from IMU, encoders and the feet's loads; ``truth``,
-the simulator's, which is privileged."""
+"""Source of the controller's base state: ``senses``, an estimate from IMU, encoders and the feet's loads; ``truth``,
+the simulator, which is privileged."""
 
 SENSES = Sensors(
     orientation=Noise(1e-3), gyro=Noise(0.01), accelerometer=Noise(0.05), angle=Noise(1e-4), rate=Noise(0.01),
@@ -61,10 +61,10 @@ SENSES = Sensors(
 class Balance:
     """One run: plant, session and clock; ``step`` is one period.
 
-    knows, sensors: what the controller goes by.  phase: of the stack, from the next period on.
-    ``q``, ``v`` are the truth, ``known`` what it takes for them.
+    knows, sensors: source of the base state, noise.  phase: the stack's phase from the next period on.
+    ``q``, ``v``: the simulator's state; ``known``: the controller's estimate.
 
-    after ``settle``, ``goal`` is where the CoG is kept ``(2,)`` [m] and ``t`` starts from zero.
+    After ``settle``, ``goal`` is the CoG's goal ``(2,)`` [m] and ``t`` starts from zero.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Balance:
         self._estimator = FeetEstimator(self.robot, SOLES, PERIOD, self.q) if knows == "senses" else None
         self.known = self.q, self.v
         self.base_error: Vec = np.zeros(6)
-        """Of what it takes its base to be: place [m] and rotation vector [rad], base axes."""
+        """Error of the estimated base: place [m] and rotation vector [rad], base axes."""
         places = self.robot.positions(self.robot.actuated)
         assert places is not None  # CBi has no continuous joint
         self._places = places
@@ -105,11 +105,11 @@ class Balance:
         self.goal: Vec = self.soles.mean(axis=0)[:2] + [AHEAD, 0.0]
         self.log = Recorder()
         self.instants: list[tuple[str, float]] = []
-        """What is worth a picture, and when [s]."""
+        """Captions and times of pictures [s]."""
 
     @property
     def fallen(self) -> bool:
-        """Whether the pelvis has sunk, or the state is no longer finite."""
+        """Return true if the pelvis has sunk or the state is not finite."""
         return not self.q[2] > 0.7 * self.robot.home[2]
 
     @property
@@ -119,7 +119,7 @@ class Balance:
         return simulated / max(self.processor, 1e-9), simulated / max(self.wall, 1e-9)
 
     def settle(self) -> None:
-        """Bring the CoG from where it is at home to its place."""
+        """Move the CoG from its place at home to its goal."""
         com = self.session.stack.find("com_xy", Com)
 
         def path(t: float) -> Vec:
@@ -130,7 +130,7 @@ class Balance:
         self.t = 0.0
 
     def step(self, *references: Reference, **values: Any) -> Tick:
-        """One period: measure, control, simulate, log ``values`` beside what every run logs."""
+        """Run one period: measure, control, simulate, log the run's own values and ``values``."""
         began, burnt = time.perf_counter(), time.thread_time()
         tick = self._advance(references)
         self.wall += time.perf_counter() - began
@@ -168,7 +168,7 @@ class Balance:
         return tick
 
     def _know(self) -> tuple[Vec, Vec]:
-        """(q, v) as the controller takes them to be."""
+        """(q, v) as the controller estimates them."""
         if self._estimator is None:
             return self.q, self.v
         reading = self.plant.measure()
@@ -192,7 +192,7 @@ def follow(
 ) -> Recorder:
     """Follow offsets of the CoG ``(2,)`` and of the hand ``(3,)`` [m] over time, until the end or a fall.
 
-    The log gets ``com_goal`` and ``hand_goal``, where CoG and hand should be at the end of each period.
+    The log gets ``com_goal`` and ``hand_goal``, the goals of CoG and hand at the end of each period.
     """
     stack = run.session.stack
     com_task = stack.find("com_xy", Com)
@@ -217,13 +217,13 @@ def still(t: float) -> Vec:
 
 
 def base_errors(log: Recorder) -> tuple[float, float]:
-    """Largest error of the base's place [mm] and of its rotation [deg], of what the controller went by."""
+    """Largest errors of the estimated base: place [mm] and rotation [deg]."""
     place, turned = np.linalg.norm(log["base_error"][:, :3], axis=1), np.linalg.norm(log["base_error"][:, 3:], axis=1)
     return 1e3 * float(place.max()), math.degrees(float(turned.max()))
 
 
 def base_figures(log: Recorder) -> list[Figure]:
-    """How well the controller knew its base."""
+    """Figures of the base estimate."""
     place, turned = base_errors(log)
     return [
         Figure("base as estimated from IMU, encoders and feet: place off by, max", place, "mm", high=2.0),
@@ -232,7 +232,7 @@ def base_figures(log: Recorder) -> list[Figure]:
 
 
 def joint_margin(log: Recorder, robot: Any) -> float:
-    """The closest that any main joint came to a limit [rad]."""
+    """Least distance of a main joint from its limits [rad]."""
     columns = robot.joints("main")
     places = robot.positions(columns)
     q = log["q"][:, places]
@@ -240,7 +240,7 @@ def joint_margin(log: Recorder, robot: Any) -> float:
 
 
 def torque_share(log: Recorder, robot: Any) -> tuple[float, str]:
-    """The largest share of its limit that a main joint's motor used, and which joint."""
+    """Largest torque of a main joint as a share of its limit, and the joint."""
     limit = robot.effort_limit[robot.actuated]
     main = set(robot.joints("main").tolist())
     share = np.abs(log["torque"]).max(axis=0) / limit

@@ -1,4 +1,4 @@
-"""CBi, the paper's first experiment (Fig. 6): CoG from side to side while the front-back one is held."""
+"""CBi, the paper's first experiment (Fig. 6): CoG from side to side, fixed from front to back."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from hqp.robots.on_mujoco import Noise, Sensors
 from tests.scenes.mistry2008 import CBI, paper_stack
 
 AMPLITUDE, FREQUENCY = 0.04, 0.2
-"""Side to side [m], [Hz]; the paper's Fig. 6 shows no more than the shape."""
+"""Side to side [m], [Hz]; the paper's Fig. 6 shows only the shape."""
 
 LARGER = ((0.10, 0.1, "stands"), (0.12, 0.1, "falls"), (0.04, 0.6, "stands"), (0.04, 0.8, "falls"))
-"""Amplitude [m], frequency [Hz], and what earlier studies found."""
+"""Amplitude [m], frequency [Hz], and the result of earlier studies."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Swing:
 
 
 def swing(plan: Swing, setting: Setting) -> Balance:
-    """Carry it out; the run's log holds ``com`` and ``com_goal``."""
+    """Run the swing; the log holds ``com`` and ``com_goal``."""
     stack = paper_stack(CBI, replace(GAINS, cog=plan.gain), hand=False)
     run = Balance(
         stack,
@@ -78,7 +78,7 @@ def lag(run: Balance, frequency: float) -> tuple[float, float]:
 
 
 def experiment(setting: Setting) -> Outcome:
-    """Fig. 6 with and without feedforward; in full also what gain, amplitude and frequency do, and the plain reset."""
+    """Fig. 6 with and without feedforward; in full, also other gains, amplitudes, frequencies, and the plain reset."""
     seconds = 60.0 if setting.full else 15.0
     outcome = Outcome("cbi-cog")
     steady = swing(Swing(seconds=seconds), setting)

@@ -1,7 +1,7 @@
 """CBi by inverse dynamics (Mistry 2008, eq. (18) with [20], which the paper leaves to future work): torques, no servos.
 
-The CoG goes from side to side as in Fig. 6.  Feet are reaction constraints; accelerations of CoG, pelvis and posture
-become torques within the motors' limits and with a load kept on each foot.
+The CoG moves from side to side as in Fig. 6.  Feet are reaction constraints; accelerations of CoG, pelvis and posture
+become torques within the motors' limits and with a least load on each foot.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from hqp.robots.on_mujoco import Plane, Plant, Sensors
 from hqp.tasks import Com, FixedContact, Orientation, Posture, TorqueLimits, UnilateralContact
 
 CONTACT_LAW = PD(0.0, 40.0)
-"""Damps what estimation and integration leave of the feet's motion."""
+"""Contact law that damps residual motion of the feet from estimation and integration."""
 
 LEAST_LOAD = 30.0
-"""Kept on each foot [N]."""
+"""Least load of each foot [N]."""
 
 
 def torque_stack() -> Stack:
@@ -57,7 +57,7 @@ def torque_stack() -> Stack:
 
 @dataclass
 class Swung:
-    """What came of one run; ``error`` is CoG minus goal over the ground, after settling ``(ticks, 2)`` [mm]."""
+    """Outcome of one run; ``error``: CoG minus goal over the ground, after settling ``(ticks, 2)`` [mm]."""
 
     log: Recorder
     error: Vec
@@ -67,7 +67,7 @@ class Swung:
 
 
 def swing(setting: Setting, seconds: float, knows: Knows = "senses") -> Swung:
-    """One run of so many seconds after the robot has settled."""
+    """Run for ``seconds`` after the robot has settled."""
     robot = hqp.robots.load("cbi", rotors=True)
     sensors = SENSES if knows == "senses" else Sensors()
     plant = Plant(robot, actuation="torque", terrain=Plane(), sensors=sensors)
@@ -115,7 +115,7 @@ def swing(setting: Setting, seconds: float, knows: Knows = "senses") -> Swung:
 
 
 def experiment(setting: Setting) -> Outcome:
-    """On the robot's own sensing, and beside it on the simulator's base."""
+    """Run on the robot's own sensing, and for comparison on the simulator's base."""
     seconds = 15.0 if setting.full else 5.0
     outcome = Outcome("cbi-dynamics")
     run = swing(setting, seconds)

@@ -1,4 +1,4 @@
-"""CBi, the paper's second experiment (Figs. 7 to 9): right hand on a figure-8 while the CoG is held."""
+"""CBi, the paper's second experiment (Figs. 7 to 9): right hand on a figure-8, CoG fixed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from hqp.solvers.base import Solver
 from tests.scenes.mistry2008 import CBI, paper_stack
 
 ACROSS, UP, FREQUENCY = 0.10, 0.06, 0.1
-"""Of the figure-8 in the frontal plane [m], [m], [Hz]; the paper gives no numbers."""
+"""Half width [m], half height [m] and frequency [Hz] of the figure-8 in the frontal plane; not given in the paper."""
 
 PRINTED = "chiaverini"
-"""The solver that does eqs. (16), (17) as they are printed."""
+"""Solver of eqs. (16), (17) as printed."""
 
 
 def draw(
@@ -111,7 +111,7 @@ def _sweep(setting: Setting) -> Table:
 
 
 def _velocities(run: Balance) -> Table:
-    """The largest velocity commanded to each joint against the bound of the robot's table, the ten nearest to it."""
+    """Largest commanded velocity of each joint with its bound, for the ten joints nearest to theirs."""
     commanded = np.abs(run.log["command"]).max(axis=0)
     bound = run.robot.velocity_limit[run.robot.actuated]
     share = commanded / bound

@@ -1,6 +1,6 @@
 """CBi's figures as distributions: each motion many times, with the sensors' noise and friction changed from run to run.
 
-Every run is a case of ``hqp.sweep``: a killed table goes on where it was.
+Every run is a case of ``hqp.sweep``: after a kill, the command resumes with the missing runs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SLIPPERIER = 0.02
 """Friction differs by up to this share."""
 
 MANY, FEW = 30, 2
-"""Runs of a motion, in full and as a look."""
+"""Runs of a motion, in full and in the short version."""
 
 BASE = (
     Asked("place", "base as estimated: place off by, max [mm]", high=2.0),
@@ -57,11 +57,11 @@ MOTIONS: Mapping[str, tuple[Asked, ...]] = {
         *BASE,
     ),
 }
-"""What is asked of each, as of a single run; times are those of the short versions, 15, 10 and 14.4 s."""
+"""Measures and limits of each motion, equal to those of a single run; durations of the short ones: 15, 10, 14.4 s."""
 
 
 def one_run(motion: str, run: int, seed: int = 0, solver: str = "lexicographic") -> dict[str, float]:
-    """The measures of one run, as a case of a sweep calls it."""
+    """Measures of one run, a case of a sweep."""
     rng = np.random.default_rng([seed, zlib.crc32(motion.encode()), run])
     friction = 0.8 * (1.0 + SLIPPERIER * rng.uniform(-1.0, 1.0))
     noise = int(rng.integers(2**31))
@@ -112,7 +112,7 @@ _MADE: Mapping[str, Callable[[Setting, float, int], tuple[Balance, dict[str, flo
 
 
 def experiment(setting: Setting) -> Outcome:
-    """Two runs of each motion, in full thirty by a sweep that can be stopped and goes on."""
+    """Two runs of each motion; in full, thirty by a sweep that can be stopped and resumed."""
     runs = MANY if setting.full else FEW
     outcome = Outcome("cbi-statistics")
     outcome.parameters = {"runs": runs, "friction": f"+-{100 * SLIPPERIER:g} %", "noise": "another seed each"}
