@@ -30,7 +30,6 @@ SPARE = 5
 
 CEILINGS = {
     "CHANGELOG.md": (30, 55, 15, 55),
-    "benchmarks/sentis2012": (95, 105, 60, 55),
     "docs": (30, 50, 15, 20),
     "docs/elements": (45, 50, 20, 40),
     "docs/pictures": (30, 80, 15, 10),

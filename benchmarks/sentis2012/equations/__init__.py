@@ -15,7 +15,7 @@ STATES, POSTURE_STATES, HQP_STATES = 200, 100, 60
 
 
 def rows(progress: Callable[[str], None] | None = None, percent: int = 100, signs: bool = True) -> list[Check]:
-    """All checks at so many percent of the states and of the simulated time; signs: eq. (28) as printed, too."""
+    """All checks at ``percent`` of the states and of the simulated time; signs: also eq. (28) as printed."""
     from benchmarks.reports.checks import of_kind
     from benchmarks.sentis2012.equations import constraints, equivalence, headline, posture, sessions, tasks
     from benchmarks.sentis2012.equations.ground import Ground
@@ -43,12 +43,12 @@ def rows(progress: Callable[[str], None] | None = None, percent: int = 100, sign
 
 
 def duration(percent: int) -> float:
-    """How long the self motion is simulated [s]."""
+    """Simulated time of the self motion [s]."""
     return max(0.3, 1.5 * min(percent, 100) / 100)
 
 
 def figures(folder: Path, percent: int = 100) -> list[Path]:
-    """Write the Lyapunov function over time; returns what was written."""
+    """Draw the Lyapunov function over time; return the written files."""
     from benchmarks.sentis2012.equations import posture
     from benchmarks.sentis2012.equations.ground import Ground
 

@@ -60,7 +60,7 @@ def checks(ground: Ground, count: int) -> Iterator[Check]:
 
 
 def lexicographic(levels: Sequence[tuple[Mat, Vec]], cut: float = 1e-11) -> Vec:
-    """min ||A_0 x - b_0||, then the next within what is left, by SVD: shares nothing with the library's solvers."""
+    """min ||A_0 x - b_0||, then the next in its null space, by SVD: independent of the library's solvers."""
     n = levels[0][0].shape[1]
     x, Z = np.zeros(n), np.eye(n)
     for A, b in levels:
@@ -179,7 +179,7 @@ def _shifted(s: Snapshot) -> float:
 
 
 def _metrics(ground: Ground, count: int) -> Iterator[Check]:
-    """Gauss' last level is what the paper's law has: least torque or least acceleration give another torque."""
+    """The paper's law equals Gauss' last level: least torque or least acceleration give another torque."""
     gauss, other = [], []
     for s in ground.states(count, SEED + 1):
         d, asked = dynamics(s), demands(s)[1:2]

@@ -1,6 +1,6 @@
-"""Dreamer on a slope: consistent states, and every matrix of the paper worked out by hand from Pinocchio's calls.
+"""Dreamer on a slope: consistent states, and every matrix of the paper derived from Pinocchio's calls.
 
-Nothing here uses the library's tasks, constraints or dynamics: it is what they are checked against.
+Nothing here uses the library's tasks, constraints or dynamics: they are checked against it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def pinv(M: Mat, tolerance: float = 1e-9) -> Mat:
 
 
 def symmetric_pinv(M: Mat, tolerance: float = 1e-9) -> Mat:
-    """The same of a symmetric matrix, symmetrised first."""
+    """Moore-Penrose inverse of a symmetric matrix, symmetrised first."""
     return np.linalg.pinv(0.5 * (M + M.T), rcond=tolerance, hermitian=True)
 
 
@@ -88,7 +88,7 @@ class Ground:
             yield Snapshot(self, q, v * (speed / np.linalg.norm(v)), rng)
 
     def free_states(self, count: int, seed: int) -> Iterator[Snapshot]:
-        """The same configurations with any velocity, the base turning and lifting too."""
+        """The configurations of ``states`` with any velocity; the base also turns and lifts."""
         rng = np.random.default_rng(seed)
         for _ in range(count):
             q = self.configuration(rng)
@@ -105,7 +105,7 @@ def _common(robot: Robot) -> tuple[float, float]:
 
 @dataclass
 class Snapshot:
-    """One state and what the paper's formulas make of it, each by its definition."""
+    """One state and the paper's formulas at it, each by its definition."""
 
     ground: Ground
     q: Vec
@@ -197,7 +197,7 @@ class Snapshot:
         return self.ground.U @ self.v
 
     def kkt(self, tau: Vec) -> tuple[Vec, Vec]:
-        """qdd and lambda of eq. (2) with J qdd + dJ qd = 0 as one linear system: none of the paper's formulas."""
+        """qdd and lambda of eq. (2) with J qdd + dJ qd = 0 as one linear system, without the paper's formulas."""
         nv, m = self.A.shape[0], self.J.shape[0]
         system = np.block([[self.A, self.J.T], [self.J, np.zeros((m, m))]])
         right = np.concatenate((self.ground.U.T @ tau - self.bias, -self.dJ @ self.v))

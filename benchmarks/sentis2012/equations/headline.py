@@ -1,9 +1,9 @@
 """The controller of the experiments rebuilt from formulas alone: rows, laws, gravity compensation, contact forces.
 
-Nothing here is taken from the session that it judges: not a Jacobian, not a demand, not a normal.  The rows are those
-of CoM, yaw and hand in the heading of the base, each with its drift; the laws have their saturation and reference
-velocities; tau = shift + the compensated law + N*^T tau_g (eqs. 27, 48 to 62), with tau_g the torque that holds the
-robot on the row's normals and shift what the ground's own normals add to it.
+It uses no Jacobian, demand or normal of the session that it judges.  The rows: CoM, yaw and hand in the heading of the
+base, each with its drift; the laws have their saturation and reference velocities; tau = shift + the compensated law
++ N*^T tau_g (eqs. 27, 48 to 62), with tau_g the torque that holds the robot on the rows' normals, and shift the
+addition of the ground's own normals.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from tests.scenes.sentis2012 import EXACT
 SEED = 2014
 UP = np.array([0.0, 0.0, 1.0])
 CHOICE = Compliance()
-"""That of the experiments."""
+"""Controller of the experiments."""
 
 
 @dataclass(frozen=True)
 class Goals:
-    """What one tick is told: goals, their velocities, and the ground's normal under each wheel ``(3, 3)``."""
+    """Goals of one tick, their velocities, and the ground's normal under each wheel ``(3, 3)``."""
 
     com: Vec
     com_rate: Vec
@@ -46,7 +46,7 @@ class Goals:
     ground: Mat
 
     def references(self, tasks: hqp.Stack, normal: Vec) -> list[Reference]:
-        """For the session; ``normal`` is that of the wheels' rows."""
+        """References of the session; ``normal``: of the wheels' rows."""
         found = {e.name: e for e in tasks}
         return [
             found["com"].at(self.com, velocity=self.com_rate),  # type: ignore[attr-defined]
@@ -74,7 +74,7 @@ class Formulas:
         self.p, R, self.J, self.dJ = s.frame("base")
         a, turn = R[:, 0], self.J[3:] @ s.v
         da = np.cross(turn, a)
-        A, dA = -skew(a) @ self.J[3:], -skew(da) @ self.J[3:] - skew(a) @ self.dJ[3:]  # of da = A v
+        A, dA = -skew(a) @ self.J[3:], -skew(da) @ self.J[3:] - skew(a) @ self.dJ[3:]  # da = A v
         square = a[0] ** 2 + a[1] ** 2
         top = a[0] * A[1] - a[1] * A[0]
         dtop = da[0] * A[1] - da[1] * A[0] + a[0] * dA[1] - a[1] * dA[0]
@@ -95,7 +95,7 @@ class Formulas:
         return self.turned @ d, self.turned @ own, self.turned @ (own_rate - rate * z @ own)
 
     def tasks(self) -> list[tuple[Mat, Mat, Vec]]:
-        """J, dJ/dt and the acceleration asked for, of each level."""
+        """J, dJ/dt and the desired acceleration of each level."""
         s, goals, choice = self.s, self.goals, self.choice
         found = []
         c, J, dJ, _ = s.upper_body()
@@ -114,7 +114,7 @@ class Formulas:
 
     @property
     def angles(self) -> Vec:
-        """Of the upper body, read from q joint by joint."""
+        """Joint angles of the upper body, read from q joint by joint."""
         model = self.s.model
         names = [self.s.ground.robot.joint_name(int(i)) for i in self.s.ground.upper]
         return np.array([self.s.q[model.joints[model.getJointId(name)].idx_q] for name in names])
@@ -127,18 +127,18 @@ class Formulas:
 
     @property
     def shift(self) -> Vec:
-        """What the ground's own normals add to the torque that holds the robot."""
+        """Torque that the ground's own normals add to the one that holds the robot."""
         return self.holding(self.goals.ground) - self.holding()
 
     def torque(self, sign: float = 1.0) -> Vec:
-        """shift + compensated law + N*^T tau_g; sign -1 puts the shift in the wrong way, to be seen."""
+        """shift + compensated law + N*^T tau_g; sign -1 reverses the shift as a negative control."""
         asked = [Demand(*self.s.star(J, dJ), a) for J, dJ, a in self.tasks()]
         steps = prioritise(self.reduced.phi, [task.J for task in asked])
         tau = compensated(self.reduced.phi, self.reduced.h, asked, self.s.q_act)
         return sign * self.shift + tau + steps[-1].N.T @ self.holding()
 
     def forces(self, tau: Vec) -> Vec:
-        """On the robot, -lambda of the linear system of eq. (2), for what of tau the rows' model knows ``(7,)``."""
+        """Forces on the robot ``(7,)``, -lambda of the linear system of eq. (2), for tau without its shift."""
         return -self.s.kkt(tau - self.shift)[1]
 
 
@@ -150,7 +150,7 @@ def law(kp: float, e: Vec, rate: Vec, most: float = math.inf) -> Vec:
 
 
 def goals_near(s: Snapshot, degrees: float = 7.0) -> Goals:
-    """Goals off what they are, the CoM's by enough to saturate its law, and normals tilted any way."""
+    """Goals off the state's values, the CoM's by enough to saturate its law, and normals with random tilts."""
     rng = s.rng
     here = Formulas(s, _NOTHING)
     com, _, _ = here.seen(*s.upper_body()[:3])
@@ -229,14 +229,14 @@ def _forces(ground: Ground, count: int) -> Iterator[Check]:
 
 
 def weighted(tasks: hqp.Stack) -> hqp.Stack:
-    """The same stack with weights on its contacts, which weigh rows and change no motion and no force."""
+    """Add weights to the stack's contacts, which scale rows and change no motion and no force."""
     sizes = {"biarticular": 0.5, **dict(zip(WHEELS, (2.0, 0.3, 5.0), strict=True))}
     held = [replace(e, weight=sizes[e.name]) if e.name in sizes else e for e in tasks.subject_to]
     return hqp.Stack(*tasks.levels, subject_to=held)
 
 
 def _cones(ground: Ground, count: int) -> Iterator[Check]:
-    """Bounds on forces that bind, on ground with normals of its own: by KKT the forces lie on them, not beyond."""
+    """Active bounds on forces, on ground with its own normals: by KKT the forces lie on the bounds, not beyond."""
     label = f"{ground.label}, with rotors"
     mu, least = 0.05, 250.0
     slippery = stack(Compliance(limits=True, friction=mu, com_acceleration=math.inf))

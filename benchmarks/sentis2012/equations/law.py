@@ -1,4 +1,4 @@
-"""The prioritised controllers of Sentis 2012 in NumPy: as printed, and with what the print leaves out."""
+"""The prioritised controllers of Sentis 2012 in NumPy: as printed, and with the terms that the print omits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CUT = 1e-9
 
 @dataclass(frozen=True)
 class Demand:
-    """A task of the hierarchy: J* and dJ*/dt ``(k, n)``, the acceleration asked for."""
+    """Task of the hierarchy: J* and dJ*/dt ``(k, n)``, desired acceleration."""
 
     J: Mat
     dJ: Mat
@@ -25,7 +25,7 @@ class Demand:
 
 @dataclass(frozen=True)
 class Step:
-    """One level: its prioritised Jacobian, dynamically consistent inverse and inertia, and the null space left."""
+    """One level: its prioritised Jacobian, dynamically consistent inverse and inertia, and the next null space."""
 
     J: Mat
     Jbar: Mat
@@ -89,7 +89,7 @@ def projector_rate(J: Mat, dJ: Mat) -> Mat:
 
 
 def posture_demand(Phi: Mat, dPhi: Mat, e: Vec, rate: Vec, gains: tuple[float, float, float], sign: float = 1.0) -> Vec:
-    """v of eq. (41), gains (kp, kv, ke); sign = -1 gives the print, +1 what makes dV/dt = -ke E^T E."""
+    """v of eq. (41), gains (kp, kv, ke); sign = -1 as printed, +1 for dV/dt = -ke E^T E."""
     kp, kv, ke = gains
     y = -kp * e - kv * rate
     return np.asarray((ke * (Phi @ y) - kp * rate + sign * (dPhi @ y)) / kv)
@@ -97,7 +97,7 @@ def posture_demand(Phi: Mat, dPhi: Mat, e: Vec, rate: Vec, gains: tuple[float, f
 
 def _inverse(M: Mat, whole: Mat) -> Mat:
     values, vectors = np.linalg.eigh(0.5 * (M + M.T))
-    # a projected Jacobian that vanishes is cut against the unprojected one, not against its own rounding
+    # a vanishing projected Jacobian needs the unprojected one's scale: its own is rounding
     floor = max(CUT * values.max(initial=0.0), 1e-13 * np.linalg.norm(whole, 2))
     kept = values > floor
     return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)

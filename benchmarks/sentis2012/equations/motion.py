@@ -24,7 +24,7 @@ Law = Callable[[Snapshot, float], Vec]
 
 
 def simulate(ground: Ground, q: Vec, v: Vec, law: Law, step: float, duration: float, watch: Law) -> tuple[Vec, Mat]:
-    """Times, and what ``watch`` says of each state; ``law`` gives the torque."""
+    """Times, and the value of ``watch`` at each state; ``law`` gives the torque."""
     times, seen = [], []
     for k in range(round(duration / step) + 1):
         t = k * step
@@ -66,7 +66,7 @@ def _normalised(q: Vec) -> Vec:
 class SelfMotionRun:
     """The hand follows a sine while the posture law of eqs. (39) to (41) acts in its null space.
 
-    gains: (kp, kv, ke).  sign: of dPhi/dt in eq. (41), -1 as printed.  amplitude: of the hand's acceleration [m/s^2].
+    gains: (kp, kv, ke).  sign: factor of dPhi/dt in eq. (41), -1 as printed.  amplitude: the hand's [m/s^2].
     """
 
     ground: Ground
@@ -79,11 +79,11 @@ class SelfMotionRun:
 
     @cached_property
     def hand(self) -> Vec:
-        """Where the hand is at first."""
+        """First place of the hand."""
         return Snapshot(self.ground, self.q, self.v).frame("hand")[0]
 
     def task(self, s: Snapshot, t: float) -> Demand:
-        """The hand: a sine about where it was, with feedback on position and velocity."""
+        """The hand: a sine about its first place, with feedback on position and velocity."""
         J, dJ = s.hand
         direction = np.array([1.0, 0.5, -0.7]) * self.amplitude
         w = 4.0

@@ -27,7 +27,7 @@ SEED = 28
 GAINS = (4.0, 4.0, 1.0)
 
 START = 2
-"""Seed of the simulated motion; with most others too the printed sign is off by much, with some V rises less."""
+"""Seed of the simulated motion.  With most seeds the printed sign makes V rise by much, with some by less."""
 
 
 def checks(ground: Ground, count: int) -> Iterator[Check]:
@@ -121,7 +121,7 @@ def _pointwise(ground: Ground, count: int) -> Iterator[Check]:
 
 
 def start(ground: Ground, sign: float = 1.0) -> SelfMotionRun:
-    """A start from which V has far to fall, moving fast enough for dPhi/dt to matter."""
+    """Start with a large V and a motion fast enough for dPhi/dt to matter."""
     rng = np.random.default_rng(START)
     q = ground.configuration(rng, 0.3)
     v = Snapshot(ground, q, np.zeros(19)).UNbar @ rng.normal(size=12)

@@ -1,4 +1,4 @@
-"""The library's own stack on Dreamer: its rows against those worked out by hand, its torque against the paper's law."""
+"""The library's stack on Dreamer: its rows against independently derived ones, its torque against the paper's law."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def checks(ground: Ground, count: int) -> Iterator[Check]:
 def at_states(
     ground: Ground, stack: Stack, solver: str | Solver, count: int, seed: int, speed: float = 1.0
 ) -> Iterator[tuple[Snapshot, Session, hqp.Tick]]:
-    """Steps of one session at random states, goals a little off what they are."""
+    """Steps of one session at random states, goals a little off the state's values."""
     session = hqp.Controller(stack, hqp.Torque(loop_law=EXACT), solver=solver, price=0, deadline=math.inf).session(
         ground.robot, dt=0.001
     )
@@ -57,7 +57,7 @@ def at_states(
 
 
 def references(ground: Ground, s: Snapshot, stack: Stack) -> list[Reference]:
-    """Ground normals for the wheels, and goals near the state, the same for every solver."""
+    """Ground normals for the wheels, and goals near the state, equal for every solver."""
     state = ground.robot.state(s.q, s.v)
     rng = np.random.default_rng(int(1e6 * abs(s.q[7])) % 2**31)
     found: list[Reference] = [w.at(normal=ground.normal) for w in CONTACTS]
@@ -129,7 +129,7 @@ def _self_motion(ground: Ground, count: int) -> Iterator[Check]:
 
 
 def _limits(ground: Ground, count: int) -> Iterator[Check]:
-    """Torque limits at a fraction of what the projector asks for: upper levels stay, the posture gives way."""
+    """Torque limits at a fraction of the projector's torque: upper levels hold, the posture deviates."""
     label = ground.label
     for share in (0.8, 0.6, 0.4):
         kept, gaps, clipped, posture = [], [], [], []
@@ -189,7 +189,7 @@ def _friction(ground: Ground) -> Iterator[Check]:
 
 
 class _AlongTheAxle(OmniWheelContact):
-    """Rolling direction read as the wheel axis: the print's words, which the library must refuse."""
+    """Rolling direction along the wheel axis, as the print words it; the library must refuse it."""
 
     _picked = (1, 2)
 

@@ -192,7 +192,7 @@ def _feedback(ground: Ground, count: int) -> Iterator[Check]:
 
 
 def _follow(s: Snapshot, tau: Vec, asked: list[Demand], phi: Mat, found: list[list[float]]) -> None:
-    """Deviation of each task from its demand in KKT forward dynamics; of the posture in its free directions only."""
+    """Deviation of each task from its demand in KKT forward dynamics, for the posture in its free directions."""
     qdd = s.ground.U @ s.kkt(tau)[0]
     posture = prioritise(phi, [t.J for t in asked])[2]
     values, vectors = np.linalg.eigh(posture.J @ phi @ posture.J.T)

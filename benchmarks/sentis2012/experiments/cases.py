@@ -16,7 +16,7 @@ from hqp.solvers.base import Solver
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A run, and from when on it is measured [s]; ``solver`` None takes that of the experiment."""
+    """A run, and the start of its measurement [s]; ``solver`` None takes the experiment's."""
 
     name: str
     scene: Scene = field(default_factory=Scene)

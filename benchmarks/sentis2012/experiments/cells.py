@@ -1,4 +1,4 @@
-"""The scenes in which Dreamer's controller is tried: one change at a time, and where limits bind."""
+"""Scenes of Dreamer's controller: one change at a time, and scenes with active limits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NOISY = Sensors(
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A case with what was promised of it: the CoM error's limit [mm], inf for no fall, None for nothing."""
+    """A case with the limit of its CoM error [mm]: inf promises no fall, None nothing."""
 
     case: Case
     group: str
@@ -99,7 +99,7 @@ def cells() -> list[Cell]:
     for degrees in (0, 3, 5, 8):
         tilted = replace(rollers, slope=float(degrees), walk=IMU_WALK)
         add("slope", f"{degrees} deg, rollers, IMU only", tilted, IMU_ONLY, limit=ONE_CM)
-    # what the projector cannot and a hierarchy that knows the limits can: the controller's fault, not physics'
+    # possible by physics: a hierarchy with the limits succeeds, the projector fails
     bounded = Compliance(limits=True, com_acceleration=math.inf)
     add("slope", "12 deg, rollers, with limits", replace(rollers, slope=12.0), bounded, limit=ONE_CM)
     aside = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=5.0)
@@ -109,7 +109,7 @@ def cells() -> list[Cell]:
     add("step pull", "60 N aside, flat, with limits, tilt alone", aside, sensed, limit=ONE_CM)
     on_rollers = replace(aside, plant="dreamer_rollers")
     add("step pull", "60 N aside, flat, with limits, tilt alone, rollers", on_rollers, sensed, limit=ONE_CM)
-    # what knowing the force at the hand gives
+    # the benefit of a measured force at the hand
     add("step pull", "60 N aside, flat, force measured", aside, replace(kept, wrench="measured"), limit=ONE_CM)
     observed = replace(kept, wrench="observed", bandwidth=100.0)
     add("step pull", "60 N aside, flat, force observed", aside, observed, limit=ONE_CM)
@@ -138,7 +138,7 @@ def cells() -> list[Cell]:
         add("cross slope", name, oblique, limit=limit)
         add("cross slope", f"{name}, own map", oblique, MAPPED, limit=limit)
         add("cross slope", f"{name}, ground felt", oblique, FELT, limit=ONE_CM if degrees <= 45 else None)
-    for way, choice in (("", Compliance()), (", ground felt", FELT)):  # told, where nothing tells it in time
+    for way, choice in (("", Compliance()), (", ground felt", FELT)):  # FELT cannot sense the ground in time
         told = replace(choice, torso=1.0, faces=0.0)
         add(
             "cross slope", f"60 deg off the fall line, torso told to face it, rollers{way}", oblique, told, limit=ONE_CM
@@ -170,7 +170,7 @@ def cells() -> list[Cell]:
 
 
 def duties() -> list[tuple[str, Scene, float | None]]:
-    """What one configuration of the controller is asked to do, and what of it is promised [mm]."""
+    """Duties of one configuration of the controller, with their promised CoM errors [mm]."""
     rollers, turned = Scene(plant="dreamer_rollers", walk=PULL), math.radians(45.0)
     aside = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=5.0)
     return [

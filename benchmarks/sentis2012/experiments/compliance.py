@@ -1,7 +1,7 @@
-"""Dreamer's compliant controller (Sentis et al. 2012, section IV) as a stack, and the mistakes that a reader can make.
+"""Dreamer's compliant controller (Sentis et al. 2012, section IV) as a stack, and plausible misreadings of it.
 
-CoM of the upper body over the wheel triangle > yaw > hand, relative to the base > posture; the base is in no task but
-its heading, so that whoever pulls the hand moves the whole robot.
+CoM of the upper body over the wheel triangle > yaw > hand, relative to the base > posture.  Only the heading of the
+base is in a task, so that a pull at the hand moves the whole robot.
 """
 
 from __future__ import annotations
@@ -37,41 +37,40 @@ from hqp.tasks import (
 from tests.scenes.sentis2012 import WHEELS, paper_stack
 
 COM_GOAL = (0.0289, -0.0522)
-"""Where the upper body's CoM is over the base in the posture goal, in the base's heading [m]."""
+"""Place of the upper body's CoM over the base in the posture goal, in the base's heading [m]."""
 
 HAND_GOAL = (0.397, -0.216, 1.063)
-"""Of the palm in the base's heading frame [m]: that of the posture goal."""
+"""Place of the palm in the base's heading frame at the posture goal [m]."""
 
 Normals = Literal["contact", "map", "felt", "base", "contact in all", "vertical"]
-"""Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
-same with the wheels' normals from a map of heights that the robot makes as it goes; ``felt``, the base's, and gravity
-compensation holds against the push of ground that is not in its plane (``GroundForce``); ``base``, the base's (what an
-IMU alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
+"""Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, like
+``contact`` with normals from the robot's own map of heights; ``felt``, the base's, and gravity compensation also
+resists the push of ground outside the base's plane (``GroundForce``); ``base``, the base's, from an IMU alone;
+``contact in all``, each wheel's own also in the rows; ``vertical``."""
 
 Wrench = Literal["none", "measured", "observed"]
-"""The force at the hand: unknown, from a sensor at the wrist, or from a momentum observer on torques and motion.  It
-enters dynamics and force bounds, and is not resisted."""
+"""Source of the force at the hand: unknown, a sensor at the wrist, or a momentum observer on torques and motion.  The
+force enters dynamics and force bounds; the controller does not resist it."""
 
 Payload = Literal["none", "known", "observed"]
-"""What the hand carries: unknown, told, or what the observed force has downwards for long."""
+"""Payload of the hand: unknown, known, or the lasting downward part of the observed force."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """Gains [1/s^2], critically damped, and choices; the last five are there to be seen to fail.
+    """Gains [1/s^2], critically damped, and options; the last five are negative controls.
 
-    carried: with the base's normals, what the human carries of the weight along the slope: this share of it, at most
-    so many newtons; the wheels hold the rest (see ``gravity_share``).  limits: torque limits and
-    friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
-    turns to where it is led [rad/s], 0 to keep its heading; torso: the same of the torso's posture goal alone.
-    faces: where the torso is turned instead, world azimuth [rad], for a robot that is told where the slope runs.
-    least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
-    by this share of the human's pull the wheels go along with it.  felt: of the ground's push, the low-pass [s], the
-    most that is held against [N], and of the weight along the base's tilt the share that is held against at most while
-    a wheel bears nothing.  released: with limits and the ground felt, the load below which a wheel is taken from the
-    controller [N], see ``ReleasedWheels``; the robot has an accelerometer then.  own_weight: whether an upper body that
-    is heavier than its model is told from a payload.  self_motion: k_E of the posture law of eqs. (40) to
-    (44) [1/s], 0 for a PD law.  period: of control [s].
+    carried: with the base's normals, the human's part of the weight along the slope: a share, and its upper limit [N];
+    the wheels hold the rest (see ``gravity_share``).  limits: torque limits and friction bounds as inequalities;
+    friction: the assumed coefficient.  turn: largest rate of the robot's turn towards the pull [rad/s], 0 to hold its
+    heading; torso: rate of the torso's posture goal alone.  faces: world azimuth of the torso [rad], for a known
+    slope.  least_load: least load of every wheel with ``limits`` [N].  bandwidth: of the observer [1/s].
+    assist: share of the human's pull that the wheels add.  felt: low-pass of the ground's push [s], largest push to
+    resist [N], and, while a wheel is unloaded, the largest share of the weight along the base's tilt to resist.
+    released: with ``limits`` and felt ground, load below which the controller releases a wheel [N], see
+    ``ReleasedWheels``; the robot then has an accelerometer.  own_weight: true to distinguish an upper body that is
+    heavier than its model from a payload.  self_motion: k_E of the posture law of eqs. (40) to (44) [1/s], 0 for a PD
+    law.  period: of control [s].
     """
 
     com: float = 400.0
@@ -105,7 +104,7 @@ class Compliance:
 
 
 def stack(choice: Compliance) -> Stack:
-    """Eqs. (48) to (59) with the yaw task added, under coupling, wheels and, if asked, limits."""
+    """Eqs. (48) to (59) with the yaw task added, under coupling, wheels and, with ``limits``, limits."""
     com_kind: type[Com] = AbsoluteCom if choice.absolute_jacobians else Com
     hand_kind: type[Position] = AbsolutePosition if choice.absolute_jacobians else Position
     law = PD(choice.com, max_acceleration=choice.com_acceleration)
@@ -148,9 +147,9 @@ def joint_range(margin: float = 0.03, rate: float = 10.0) -> Within:
 def gravity_share(normal: Vec, carried: tuple[float, float], weight: float) -> float:
     """Share of the weight along the slope that the wheels hold: 1 - min(share, newtons / (m g sin tilt)).
 
-    An IMU cannot tell which wheels stand on the slope yet.  With all of it held, the robot pushes uphill by up to
-    m g sin(tilt) while its rear wheels are down already, and tips over; what the human carries takes from that push.
-    The bound in newtons is that on the human's pull.
+    An IMU does not sense which wheels stand on the slope.  If the wheels held all of the weight, the robot would push
+    uphill by up to m g sin(tilt) after its rear wheels left the slope, and tip over; the human's share reduces that
+    push.  The bound in newtons limits the human's pull.
     """
     share, most = carried
     along = weight * math.hypot(normal[0], normal[1])
@@ -186,7 +185,7 @@ class Targets:
         moving = rotation @ velocity
         turning = self._heading.update(moving[:2])
         posture, posture_rate = self._rest, np.zeros_like(self._rest)
-        if choice.torso:  # the torso's lean has to be along the slope, whatever the base faces
+        if choice.torso:  # the torso leans along the slope at any heading of the base
             posture = posture.copy()
             led = moving[:2] if choice.faces is None else np.array([math.cos(choice.faces), math.sin(choice.faces)])
             posture_rate[0] = self._led.update(led) - turning

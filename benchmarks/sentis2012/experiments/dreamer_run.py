@@ -1,4 +1,4 @@
-"""One run of Dreamer: a scene, a controller, a human who pulls, and what came of it."""
+"""One run of Dreamer: scene, controller, a human who pulls, log."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from tests.scenes.sentis2012 import EXACT
 
 
 class Outing:
-    """Robot, plant, session; ``run`` carries it out and returns the log.
+    """Robot, plant, session; ``run`` simulates and logs.
 
-    residuals: whether the log has those of every level, which no figure needs.
+    residuals: true to log those of every level, which no figure needs.
     """
 
     def __init__(
@@ -118,14 +118,14 @@ class Outing:
 
     @property
     def fallen(self) -> bool:
-        """Whether the base has tipped, the upper body is off by 30 cm, or the state is no longer finite."""
+        """Return true if the base has tipped, the upper body is off by 30 cm, or the state is not finite."""
         upright = 1.0 - 2.0 * (self.q[3] ** 2 + self.q[4] ** 2)  # cosine of the base's tilt
         error = math.hypot(*self._com_error)
         return not (upright > math.cos(math.radians(self.scene.slope + 20.0)) and error < 0.3)
 
     @property
     def ignored_normals(self) -> int:
-        """Samples of contact normals that were too far off the base's to be ground."""
+        """Number of contact normals that were too far off the base's to be ground."""
         return self._normals.ignored
 
     @property
@@ -134,7 +134,7 @@ class Outing:
         return self.t / max(self.processor, 1e-9), self.t / max(self.wall, 1e-9)
 
     def run(self) -> Outing:
-        """Until the end of the scene or a fall."""
+        """Simulate until the end of the scene or a fall."""
         ticks = round(self.scene.duration / self.choice.period)
         for i in range(ticks):
             self.t = i * self.choice.period
@@ -157,13 +157,13 @@ class Outing:
         else:
             reading = plant.measure()
             q, v, contacts = reading.q, reading.v, reading.contacts
-        q[:3] = 0.0  # nobody knows where the base is, and no task asks
+        q[:3] = 0.0  # the base's place is unknown, and no task needs it
         free = self._released
         v[:3] = (
             self._odometry.velocity(v) if free is None else self._odometry.velocity(v, self._gained(q), free.bearing)
         )
         if not choice.gyro:
-            v[3:5] = 0.0  # what wheels on the base's own plane say
+            v[3:5] = 0.0  # as for wheels on the base's own plane
         state = self.robot.state(q, v)
         rotation = state.rotation("base")
         if self._map is None:

@@ -1,4 +1,4 @@
-"""What a wheeled robot knows of the ground and of its own motion: contact normals, its push, odometry."""
+"""Estimates of a wheeled robot: contact normals, push of the ground, odometry."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from hqp.tasks import ExternalWrench
 UP = np.array([0.0, 0.0, 1.0])
 
 GROUND_PUSH = "ground_push"
-"""Name of the wrench at the base in a stack that holds against it."""
+"""Name of the wrench at the base in a stack that resists it."""
 
 
 class ContactNormals:
     """Ground normal under each wheel from its contact force, n ~ lowpass(load normal) + least_load up.
 
-    Load is the weight: a wheel that strikes the flat at the foot of a slope tells so at once, and one that carries
-    nothing turns upright, for it has no slope to hold.  With unweighted normals and 30 ms the wheels on the flat go on
-    holding the slope for a moment; that tips the robot back, and a wheel in the air keeps it so.
-    time_constant [s], least_load [N].  In simulation this is a privileged signal; on hardware it takes load cells at
-    the wheels, or a map of the terrain.
+    The load is the weight of the average: a wheel that strikes the flat at the foot of a slope changes its normal at
+    once, and the normal of an unloaded wheel turns upright.  With unweighted normals and 30 ms, wheels on the flat
+    would hold the slope for a moment, which tips the robot back, and a wheel in the air would keep its normal.
+    time_constant [s], least_load [N].  In simulation this is a privileged signal; hardware needs load cells at the
+    wheels or a map of the terrain.
 
-    A normal more than ``widest`` [rad] off the base's own is no ground that a wheel can stand on (an edge, a wall): its
-    sample is ignored, the wheel keeps what it had, and ``ignored`` counts it.
+    A wheel cannot stand on ground whose normal is more than ``widest`` [rad] off the base's (an edge, a wall): the
+    filter ignores such samples, and ``ignored`` counts them.
     """
 
     def __init__(
@@ -60,9 +60,9 @@ class ContactNormals:
 
 
 class Heading:
-    """Where to face: where the base is led, at most at ``rate`` [rad/s]; backwards and slowly, where it faces.
+    """Desired heading: towards the base's velocity, at most at ``rate`` [rad/s]; fixed if it moves back or slowly.
 
-    gain [1/s]; least: speed below which nobody leads [m/s]; time_constant: of the low-pass on the velocity [s].
+    gain [1/s]; least: speed below which the heading is fixed [m/s]; time_constant: low-pass of the velocity [s].
     """
 
     FORWARD = math.radians(100.0)
@@ -98,18 +98,18 @@ class Odometry:
     """Linear velocity of an omnidirectional base from its wheel rates and gyro.
 
     Each wheel's rim moves over the ground at r qd = rim . (v + omega x p), rim = axle x z: with the gyro's yaw rate,
-    three wheels for two unknowns.  Where they contradict each other by more than APART one of them slips, or spins in
-    the air; then those two are believed that agree best with the velocity a moment ago, if any two do.  With an
-    accelerometer, all three are believed that agree with each other and with it; else it is, and wheels that bear a
-    load and do not contradict it correct it.
+    three equations for two unknowns.  If they contradict each other by more than APART, one wheel slips or spins in
+    the air; the estimate then takes the two wheels that agree best with the previous velocity, if any two do.  With an
+    accelerometer, it takes all three wheels if they agree with each other and with it; else it integrates the
+    accelerometer, corrected by loaded wheels that agree with it.
     """
 
     APART = 0.05
     """Contradiction between the wheels beyond which one of them slips [m/s]."""
     SUDDEN = 0.1
-    """Change of velocity in one tick that no two wheels are believed, no wheel beside an accelerometer [m/s]."""
+    """Change of velocity in one tick above which wheels are rejected: pairs, and each beside an accelerometer [m/s]."""
     CORRECTED = 0.1
-    """Share of a tick of what a wheel tells otherwise than the accelerometer."""
+    """Share of a wheel's deviation from the accelerometer that a tick corrects."""
 
     def __init__(self, robot: Any) -> None:
         state = robot.state()
@@ -125,10 +125,10 @@ class Odometry:
         self._without = [self._of([k for k in range(len(names)) if k != i], robot.nv) for i in range(len(names))]
         self._last = np.zeros(3)
         self.contradiction = 0.0
-        """By how much the wheels contradicted each other at the latest tick [m/s]."""
+        """Contradiction between the wheels at the latest tick [m/s]."""
 
     def _of(self, wheels: Sequence[int], nv: int) -> Mat:
-        """What makes (v_x, v_y, 0) of v from some of the wheels ``(3, nv)``."""
+        """Matrix from v to (v_x, v_y, 0) by some of the wheels ``(3, nv)``."""
         found = np.zeros((3, nv))
         found[:2] = np.linalg.pinv(self._rims[list(wheels), :2]) @ self._rolled[list(wheels)]
         return found
@@ -136,7 +136,8 @@ class Odometry:
     def velocity(self, v: Vec, gained: Vec | None = None, bearing: Sequence[bool] = ()) -> Vec:
         """(v_x, v_y, 0) in the base ``(3,)`` [m/s] at a tick, from the wheel rates and the yaw rate in v ``(nv,)``.
 
-        gained: since the last tick by the accelerometer, in the base ``(3,)`` [m/s]; bearing: which wheels bear a load.
+        gained: change by the accelerometer since the last tick, in the base ``(3,)`` [m/s]; bearing: true for loaded
+        wheels.
         """
         found, last = self._velocity @ v, self._last
         self.contradiction = max(map(abs, (self._apart @ v).tolist()))
@@ -156,37 +157,36 @@ class Odometry:
         return found.copy()
 
     def spinning(self, v: Vec) -> Vec:
-        """By how much each rim is faster than it would roll at the latest velocity, ``(wheels,)`` [m/s]."""
+        """Speed of each rim beyond rolling at the latest velocity, ``(wheels,)`` [m/s]."""
         return np.asarray(self._rolled @ v - self._rims @ self._last)
 
     def slip(self, v: Vec) -> Vec:
         """Speed of each wheel's rim over the ground along its rolling direction, from the true v, ``(wheels,)`` [m/s].
 
-        Neglects what the turning about x and y does at the contact points, which lie near their plane.
+        Neglects rotation about x and y at the contact points, which lie near their plane.
         """
         return np.asarray(self._rims @ v[:3] - self._rolled @ v)
 
 
 class GroundForce:
-    """Horizontal force with which ground that is not the base's own plane pushes at the wheels.
+    """Horizontal force on the wheels from ground outside the base's plane.
 
-    The base's rows of a momentum observer hold all forces from outside, those of the wheels tell each wheel's traction:
-    a rim that the ground holds back by f turns its wheel with -r f.  What is left without the hand's force is that of
-    normals which are off the base's own, sum N_i (n_i - n_base): along the fall line, whatever the direction of travel,
-    as soon as a wheel bears on a slope.  Held against like gravity, it is what the wheels' own normals would add to the
-    gravity compensation, without a map or a force sensor.
-    element: of the stack that is told, None for a controller that does not hold against it.
-    time_constant: of the low-pass on it [s].  most: that is held against [N].  While the wheels contradict each other
-    by more than SPINNING, or one is released or bears less than UNLOADED, it dies away to what the base's tilt
-    explains, ``tilted`` newtons times its sine: a wheel that has lost its load would be felt as a slope.  What each
-    wheel bears is told by the base's rows as well, without load cells: the force square to the base's plane and the two
-    moments in it are those of three wheels.
+    A momentum observer's rows of the base contain all external forces, the rows of the wheels each wheel's traction:
+    a rim that the ground holds back by f turns its wheel with -r f.  Without traction and the hand's force, the rest
+    comes from normals off the base's own, sum N_i (n_i - n_base): along the fall line in any direction of travel, as
+    soon as a wheel bears on a slope.  If the controller resists it like gravity, it equals the addition of the
+    wheels' own normals to the gravity compensation, without a map or a force sensor.
+    element: the stack's wrench for this force, None for a controller that does not resist it.
+    time_constant: low-pass [s].  most: largest force to resist [N].  While the wheels contradict each other by more
+    than SPINNING, or one is released or bears less than UNLOADED, the force decays to ``tilted`` newtons times the
+    sine of the base's tilt: a wheel without load would look like a slope.  The base's rows also give the load of each
+    wheel without load cells: the normal force and the two moments in the base's plane determine three loads.
     """
 
     SPINNING = 0.1
     """Contradiction (``Odometry.contradiction``) beyond which a wheel spins; at edges wheels slip by less [m/s]."""
     UNLOADED = 10.0
-    """Load below which a wheel is taken to have lost it [N]."""
+    """Load below which a wheel counts as unloaded [N]."""
 
     def __init__(
         self,
@@ -207,18 +207,18 @@ class GroundForce:
         places = [state.position(frame) - state.position("base") for frame in robot.landmarks["wheel_contacts"]]
         self._bearing = np.linalg.inv([[1.0, p[1], -p[0]] for p in places]).T
         self.force: Vec = np.zeros(2)
-        """In the plane, world axes ``(2,)`` [N]."""
+        """Force in the plane, world axes ``(2,)`` [N]."""
         self.loads: Vec = np.zeros(len(names))
-        """What each wheel bears, square to the base's plane ``(wheels,)`` [N]."""
+        """Load of each wheel, normal to the base's plane ``(wheels,)`` [N]."""
 
     def update(
         self, residual: Vec, rotation: Mat, hand: Vec, place: Vec, contradiction: float = 0.0, released: bool = False
     ) -> Vec:
         """The force after a tick ``(2,)`` [N].
 
-        residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force there, and place of
-        the hand from the base, world axes ``(3,)`` [N, m].  contradiction: between the wheels [m/s].  released:
-        whether any wheel is.
+        residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force on it [N]; place:
+        of the hand from the base [m]; both ``(3,)``, world axes.  contradiction: between the wheels [m/s].
+        released: true if any wheel is released.
         """
         pull, turn = rotation.T @ hand, rotation.T @ np.cross(place, hand)
         self.loads = self._bearing @ np.array([residual[2] - pull[2], residual[3] - turn[0], residual[4] - turn[1]])
@@ -234,7 +234,7 @@ class GroundForce:
         return self.force
 
     def references(self) -> list[Reference]:
-        """What the controller is told: the force at the base's frame, which lies on the ground."""
+        """References of the controller: the force at the base's frame, which lies on the ground."""
         if self._element is None:
             return []
         x, y = self.force.tolist()

@@ -1,4 +1,4 @@
-"""A map of heights that a wheeled robot makes as it goes, from its IMU and the turning of its wheels."""
+"""Height map that a wheeled robot builds during motion, from its IMU and the rotation of its wheels."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ Grid = np.ndarray[Any, np.dtype[np.intp]]
 
 
 class GroundMap:
-    """Ground normals under the wheels from the IMU and the wheels' own turning: no force sensor, no map given.
+    """Ground normals under the wheels from the IMU and wheel odometry, without force sensors or a given map.
 
-    The base's tilt tells how high each wheel stands over the others.  Locally the ground is a ridge,
+    The base's tilt gives the height of each wheel over the others.  Locally the ground is a ridge,
 
         h(p) = g . p + f(d . p),
 
     p the place in the plane from odometry, g the gradient under the base at the start, d one of DIRECTIONS in the
-    plane.  For every d there is a profile f: wheels on ground that is known tell the height of the base, the others
-    what is new.  Where two wheels are on known ground they contradict each other by what is wrong about d, and that
-    d is taken which has been contradicted least, with a preference for the direction of travel, which is all there is
-    to go by until a second wheel has come to new ground.  Profiles go on as they began where no wheel has been.  All
-    start anew, from the tilt at that moment, where even the best is contradicted by more than WRONG.
+    plane.  Every d has a profile f: wheels on known ground determine the height of the base, the other wheels extend
+    the profile.  Two wheels on known ground contradict each other if d is wrong.  The map takes the d with the least
+    contradiction, with a preference for the direction of travel, the only cue until a second wheel reaches new ground.
+    Beyond the wheels' path, profiles extend linearly.  All profiles restart from the present tilt if the contradiction
+    of the best exceeds WRONG.
     """
 
     CELL, SPAN, REACH = 0.01, 4, 6.0  # [m], cells, [m]
     DIRECTIONS = 12
     MEMORY = 0.4
-    """Length of travel over which contradictions are remembered [m]."""
+    """Length of travel over which contradictions are averaged [m]."""
     WRONG = 0.012
-    """Root mean square contradiction at which a map is given up [m]."""
+    """Root mean square contradiction above which the map restarts [m]."""
     PREFERENCE = 2e-3
-    """Contradiction that a direction square to the travel has to make good [m]."""
+    """Penalty of a direction normal to the travel, as a contradiction [m]."""
     EDGE, FOUND = 0.05, 0.05
-    """Least difference of slopes under the wheels that shows where an edge is, and the time to move there [s]."""
+    """Least difference of slopes under the wheels that locates an edge, and time constant of the correction [s]."""
     SLOW, TIME_CONSTANT = 0.05, 0.2  # [m/s], [s]
     LEVEL = math.radians(1.0)
-    """Difference of slopes under the wheels that is none."""
+    """Difference of slopes under the wheels below which they share a plane."""
 
     def __init__(self, robot: Any, period: float) -> None:
         state = robot.state()
@@ -64,7 +64,7 @@ class GroundMap:
             self._begin(rotation, where)
         gradient = self._gradient
         assert gradient is not None
-        deviation = places[:, 2] - where @ gradient  # of each wheel from the first plane, but for the base's height
+        deviation = places[:, 2] - where @ gradient  # heights over the first plane, up to the base's height
         numbers = self._cells(where)
         if numbers.min() < self.SPAN or numbers.max() >= self._size - self.SPAN:
             self._begin(rotation, where)  # beyond the map
@@ -78,7 +78,7 @@ class GroundMap:
         slopes = self._slopes(best, cells[best])
         self._find_back(best, cells[best], heights, slopes)
         if max(slopes) - min(slopes) < self.LEVEL:
-            return self._one_plane(rotation)  # the tilt itself tells better
+            return self._one_plane(rotation)  # the tilt itself is more accurate
         normals = np.ones((3, 3))
         normals[:, :2] = -(gradient + np.array(slopes)[:, None] * self._along[:, best])
         return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
@@ -95,12 +95,12 @@ class GroundMap:
         return normals
 
     def _begin(self, rotation: Mat, where: Mat) -> None:
-        """Know nothing but the plane that the wheels stand on."""
+        """Restart from the plane under the wheels."""
         self._gradient = -rotation[:2, 2] / rotation[2, 2]
         self._origin = self._place.copy()
         self._size = round(2.0 * self.REACH / self.CELL)
         self._middle = 0.5 * self._size
-        # lists: a profile has three numbers to learn from at a time, which arrays take longer for
+        # lists: faster than arrays for three numbers at a time
         self._height = [[0.0] * self._size for _ in range(self.DIRECTIONS)]
         self._samples = [[1.0, 1.0] for _ in range(self.DIRECTIONS)]
         cells = self._cells(where)
@@ -109,13 +109,13 @@ class GroundMap:
         self.restarts += 1
 
     def _learn(self, cells: list[list[int]], deviation: list[float]) -> None:
-        """Height of the base by each profile, what wheels on known ground contradict, and what the others find."""
+        """Estimate the base's height by each profile, update contradictions of known ground, extend to new ground."""
         # by the length travelled, so that standing still proves nothing
         share = min(1.0, self._period * math.hypot(*self._velocity) / self.MEMORY)
         for k, (ends, wheels, profile) in enumerate(zip(self._ends, cells, self._height, strict=True)):
             first, last = ends
             known = [i for i, cell in enumerate(wheels) if first < cell < last]
-            if not known:  # all at the ends: the one nearest to the middle of what is known counts as known
+            if not known:  # all at the ends: the wheel nearest to the middle of the known part counts as known
                 middle = 0.5 * (first + last)
                 known = [min(range(3), key=lambda i: abs(wheels[i] - middle))]
             says = [profile[min(max(wheels[i], first), last)] - deviation[i] for i in known]
@@ -129,11 +129,11 @@ class GroundMap:
                         self._extend(k, cell, base + deviation[i])
 
     def _extend(self, k: int, cell: int, new: float) -> None:
-        """Take a height at or beyond an end of profile k; cells that were jumped over lie on a line."""
+        """Set a height at or beyond an end of profile k; interpolate skipped cells linearly."""
         ends, profile = self._ends[k], self._height[k]
         end = int(cell >= ends[1])
         at = ends[end]
-        if cell == at:  # the mean of what the cell has seen
+        if cell == at:  # the mean over samples of the cell
             self._samples[k][end] += 1.0
             profile[at] += (new - profile[at]) / self._samples[k][end]
             return
@@ -143,7 +143,7 @@ class GroundMap:
         ends[end], self._samples[k][end] = cell, 1.0
 
     def _choose(self) -> int:
-        """The direction that has been contradicted least, -1 if none will do."""
+        """Direction with the least contradiction, -1 if all exceed WRONG."""
         if min(self._contradiction) > self.WRONG**2:
             return -1
         speed = math.hypot(*self._velocity)
@@ -156,10 +156,10 @@ class GroundMap:
         return self.direction
 
     def _find_back(self, k: int, cells: list[int], deviation: list[float], slopes: list[float]) -> None:
-        """Move the place along d to where the wheels, all on known ground, contradict each other less.
+        """Move the place along d so that the wheels, all on known ground, contradict each other less.
 
-        A wheel that slips or leaves the ground over an edge takes odometry off by centimetres, and with it the place
-        of that edge on the way back.
+        A wheel that slips or leaves the ground over an edge shifts odometry by centimetres, and with it the place of
+        that edge on the way back.
         """
         first, last = self._ends[k]
         if min(cells) <= first or max(cells) >= last:
@@ -176,7 +176,7 @@ class GroundMap:
         self._place = self._place + step * self._along[:, k]
 
     def _slopes(self, k: int, cells: list[int]) -> list[float]:
-        """Of profile k under the wheels, over SPAN cells that are known."""
+        """Slopes of profile k under the wheels, over SPAN known cells."""
         (first, last), profile, found = self._ends[k], self._height[k], []
         for cell in cells:
             high = min(cell + self.SPAN // 2, last)

@@ -1,4 +1,4 @@
-"""What acts on Dreamer's hand, as far as the robot can know it: the human's pull, and what the hand carries."""
+"""Estimated loads on Dreamer's hand: the human's pull, and the payload."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
     from benchmarks.sentis2012.experiments.compliance import Compliance
 
 HAND, CARRIED_AT = "hand", (0.07, 0.0, 0.0)
-"""The body that carries a payload, and where [m]."""
+"""Body that carries a payload, and its place there [m]."""
 
 WRENCH, ASSIST, PAYLOAD = "hand_wrench", "hand_assist", "hand_payload"
 
 SLOW = 1.0
-"""Of the low-pass that takes a lasting downward force for a weight [s]."""
+"""Time constant of the low-pass that turns a lasting downward force into a payload [s]."""
 
 GRAVITY = 9.81
 
 EXPECTED = 0.1
-"""By how much the upper body may weigh more than its model, as a share: the prior of its estimate."""
+"""Prior deviation of the upper body's excess weight over its model, as a share."""
 DOUBT = 0.5
-"""Of the observer's torques [N m]."""
+"""Standard deviation of the observer's torques [N m]."""
 
 
 def loads(wrench: bool, payload: bool) -> list[Element]:
-    """The elements of ``subject_to`` for what is known.
+    """Elements of ``subject_to`` for the known loads.
 
-    Two wrenches at the hand, whose sum is the force there: what gravity compensation holds of the second, the opposite
-    of a share of that force, is the push of wheels that go along with the human.
+    The force at the hand is the sum of two wrenches.  Gravity compensation resists the second, the opposite of a share
+    of that force, so that the wheels add this share to the human's pull.
     """
     found: list[Element] = []
     if wrench:
@@ -50,11 +50,11 @@ def loads(wrench: bool, payload: bool) -> list[Element]:
 
 
 class HandLoads:
-    """References of the hand's wrench and payload, and of what it carries.
+    """References of the hand's wrench and payload.
 
-    The observer takes the joints of the upper body, whose rows hold no contact force; hip and thorax together, so that
-    the coupling's force drops out.  damping: of the joints, in the order of torques ``(n,)`` [N m s/rad], as in the
-    controller's feedforward.  mass: what is carried where it is told [kg].
+    The observer uses the joints of the upper body, whose rows contain no contact force; it adds hip and thorax, so
+    that the coupling's force cancels.  damping: of the joints, in the order of torques ``(n,)`` [N m s/rad], as in the
+    controller's feedforward.  mass: known payload [kg].
     """
 
     def __init__(self, robot: Any, choice: Compliance, tasks: Stack, damping: Vec, mass: float) -> None:
@@ -70,20 +70,20 @@ class HandLoads:
         )  # fmt: skip
         self.observing = "observed" in (choice.wrench, choice.payload) or choice.normals == "felt"
         self.observed: Vec = np.zeros(3)
-        """The force at the hand by the observer, whether anything takes it or not [N]."""
+        """Force at the hand by the observer, also if the controller does not use it [N]."""
         self.force: Vec = np.zeros(3)
-        """At the hand, as known: the human's pull, without what a payload weighs [N]."""
+        """Estimated force at the hand: the human's pull, without the payload's weight [N]."""
         self._down, self._heavier = 0.0, 0.0
         self._share = 1.0 - math.exp(-choice.period / SLOW)
 
     @property
     def mass(self) -> float:
-        """Of the payload as known [kg]."""
+        """Estimated payload [kg]."""
         return self._mass
 
     @property
     def residual(self) -> Vec:
-        """Of the observer ``(nv,)`` [N, N m]."""
+        """Residual of the observer ``(nv,)`` [N, N m]."""
         return self._observer.residual
 
     def references(self, state: State, measured: Vec) -> list[Reference]:
@@ -120,10 +120,10 @@ class HandLoads:
             self.force = force
 
     def _less_own_weight(self, state: State) -> Vec:
-        """The force ``(3,)`` [N] without what the upper body weighs more than its model, by a share e of its gravity.
+        """Force ``(3,)`` [N] without the upper body's excess weight over its model, a share e of its gravity.
 
-        Least squares S r = S (J^T f + e g) with a prior on e: a payload bends the arm more than the hip.  Upright the
-        two look alike; leaning on the slope they do not.
+        Least squares S r = S (J^T f + e g) with a prior on e: a payload loads the arm more than the hip.  The two are
+        distinguishable if the robot leans on the slope, not if it is upright.
         """
         S = self._observer.rows
         J, g, r = S @ state.jacobian("hand_point")[:3].T, S @ state.gravity_force(), S @ self._observer.residual
@@ -133,7 +133,7 @@ class HandLoads:
         return np.asarray(np.linalg.lstsq(J, r - self._heavier * g, rcond=None)[0])
 
     def _lever(self, state: State) -> float:
-        """A weight at the payload's place weighs this much less on the joints than one at the hand's point."""
+        """Ratio of joint torques of a weight at the payload's place to those of one at the hand's point."""
         base = state.position("base")
         there = state.position(HAND) + state.rotation(HAND) @ CARRIED_AT - base
         here = state.position("hand_point") - base

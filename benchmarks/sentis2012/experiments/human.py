@@ -1,4 +1,4 @@
-"""The human who pulls at a robot's hand: a spring and a damper whose other end walks along."""
+"""The human who pulls at a robot's hand: a spring and a damper with a moving end."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from hqp.arrays import Vec
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
-    """Along a line: rest, out at a speed, a stop, back at the same speed, rest.
+    """Walk along a line: rest, out at a speed, a stop, back at that speed, rest.
 
-    speed [m/s], distance [m], start: when it sets out [s], easing: time to take up the speed [s], stop: how long it
-    stays out [s]; back: whether it returns.
+    speed [m/s], distance [m], start: time of the first step [s], easing: time of acceleration [s], stop: time before
+    the return [s]; back: true to return.
     """
 
     speed: float = 0.35
@@ -27,17 +27,17 @@ class Walk:
 
     @property
     def duration(self) -> float:
-        """Of one way [s]."""
+        """Duration of one way [s]."""
         return self.distance / self.speed + self.easing
 
     @property
     def turn(self) -> float:
-        """When the way back begins [s]."""
+        """Start of the way back [s]."""
         return self.start + self.duration + self.stop
 
     @property
     def end(self) -> float:
-        """When it has come to rest for good [s]."""
+        """Time of the final rest [s]."""
         return self.turn + self.duration if self.back else self.start + self.duration
 
     def at(self, t: float) -> tuple[float, float]:
@@ -64,9 +64,9 @@ class Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class SpringHand:
-    """A hold on the robot's hand in the ground plane: f = k (anchor - x) + d (anchor rate - v), |f| <= cap.
+    """Spring at the robot's hand in the ground plane: f = k (anchor - x) + d (anchor rate - v), |f| <= cap.
 
-    stiffness [N/m], damping [N s/m], cap [N].  direction: of the walk, azimuth in the world [rad].
+    stiffness [N/m], damping [N s/m], cap [N].  direction: azimuth of the walk in the world [rad].
     """
 
     stiffness: float = 200.0

@@ -1,4 +1,4 @@
-"""How small the posture error could be: the least that CoM, hand and coupling leave, at the tilt of the base."""
+"""Least posture error under the constraints of CoM, hand and coupling, at the tilt of the base."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def least_posture_error(run: Outing, q: Vec) -> tuple[Vec, Vec]:
     """The posture errors of a configuration and the least ones near it, joint by joint ``(9,)`` [rad].
 
     min |e|^2 / 2 over the joints of the upper body such that CoM and hand are at their goals, the thorax bends as much
-    as the hip, and the base stays where q has it.  Newton's method on the tangent space, de = -P e - C^+ c, with
-    P = I - C^+ C the directions that keep the constraints: where it ends P e = 0 and c = 0, a local minimum.
+    as the hip, and the base has its pose in q.  Newton's method on the tangent space, de = -P e - C^+ c, with
+    P = I - C^+ C the directions that keep the constraints, ends at P e = 0 and c = 0, a local minimum.
     """
     robot = run.robot.copy()
     upper = robot.joints("upper_body")

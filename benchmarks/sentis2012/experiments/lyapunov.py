@@ -17,14 +17,14 @@ from hqp.arrays import Vec
 from hqp.torque.self_motion import free_directions
 
 STILL = Scene(slope=0.0, out_of_place=0.5, walk=Walk(start=99.0), seconds=2.0)
-"""Nobody pulls; posture errors of 4 to 10 degrees at the start."""
+"""Scene without a pull; posture errors of 4 to 10 degrees at the start."""
 
 FROM, TO = 0.3, 1.0
-"""Where the rate of decay is read [s]: after the CoM task has come out of its saturation."""
+"""Window of the rate of decay [s], after the saturation of the CoM task."""
 
 
 def followed(setting: Setting, ke: float, plant: str = "dreamer") -> tuple[Vec, Vec]:
-    """Times and V = E^T E / 2 at each tick, E = Phi (-kp e - kv qd), Phi onto what the tasks above leave."""
+    """Times and V = E^T E / 2 at each tick, E = Phi (-kp e - kv qd), Phi onto the null space of the tasks above."""
     choice = Compliance(self_motion=ke)
     times: list[float] = []
     values: list[float] = []

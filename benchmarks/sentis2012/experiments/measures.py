@@ -13,13 +13,13 @@ from hqp.arrays import Vec
 
 @dataclass(frozen=True)
 class Measures:
-    """Numbers of one run: errors [mm], forces [N], angles [deg], speeds [m/s], torques [N m]; NaN where not reached.
+    """Numbers of one run: errors [mm], forces [N], angles [deg], speeds [m/s], torques [N m]; NaN if not reached.
 
-    com_first, com_up, com_back: largest CoM error before the measuring begins, while the robot settles on its wheels,
-    and then before and after the turn.  speed: median over the pull's steady part.
-    load_quantile: 0.5 % quantile of the least wheel load from half a second on; unloaded: seconds without load;
-    told: seconds in which the session said so (CONTACT_LOST, where loads are measured).
-    rate_ratio: largest joint speed over its table limit, and whose.
+    com_first: largest CoM error while the robot settles on its wheels; com_up, com_back: after it, before and after
+    the turn.  speed: median over the pull's steady part.
+    load_quantile: 0.5 % quantile of the least wheel load from 0.5 s on; unloaded: time without load [s];
+    told: time of the status CONTACT_LOST (with measured loads) [s].
+    rate_ratio: largest joint speed over its table limit, and the joint.
     """
 
     fell: float

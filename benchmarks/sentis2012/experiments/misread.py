@@ -1,4 +1,4 @@
-"""Readings of the paper that a reader may take, as elements: absolute Jacobians, rolling along the axle."""
+"""Plausible misreadings of the paper as elements: absolute Jacobians, rolling along the axle."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from hqp.tasks import Com, OmniWheelContact, Position
 
 @dataclass(frozen=True, kw_only=True)
 class RollingAlongAxle(OmniWheelContact):
-    """The rolling row in the direction of the wheel's axle, as the paper has it in words below eq. (9)."""
+    """The rolling row in the direction of the wheel's axle, as the paper words it below eq. (9)."""
 
     _picked: ClassVar[tuple[int, ...]] = (1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class AbsoluteCom(Com):
-    """Com relative to a heading whose Jacobian forgets that the goal moves."""
+    """Com relative to a heading, with a Jacobian that omits the goal's motion."""
 
     def jacobian(self, state: State) -> Mat:
         return _heading(state, self.relative_to) @ state.com_jacobian(state.robot.subtree(str(self.subtree)))
@@ -33,7 +33,7 @@ class AbsoluteCom(Com):
 
 @dataclass(frozen=True, kw_only=True)
 class AbsolutePosition(Position):
-    """Position relative to a heading whose Jacobian forgets that the goal moves."""
+    """Position relative to a heading, with a Jacobian that omits the goal's motion."""
 
     def jacobian(self, state: State) -> Mat:
         return _heading(state, self.relative_to, 3) @ state.jacobian(self.frame)[:3]

@@ -1,4 +1,4 @@
-"""The projector and the hierarchy with limits side by side, where torque limits and friction bind."""
+"""The projector beside the hierarchy with limits, in scenes with active torque limits and friction."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from benchmarks.sentis2012.experiments.variants import PULL
 
 @dataclass(frozen=True)
 class Pair:
-    """The projector and the HQP in one scene; text says what the HQP is told."""
+    """The projector and the HQP in one scene; text: data that only the HQP receives."""
 
     text: str
     projector: Case
@@ -28,7 +28,7 @@ class Pair:
 
 
 def pairs(full: bool) -> list[Pair]:
-    """Where torque limits and friction bind; the HQP assumes 5 % less friction than there is where it is little."""
+    """Scenes with active torque limits and friction; on slippery ground the HQP assumes 5 % less friction."""
     ball, rollers = Scene(walk=PULL), Scene(plant="dreamer_rollers", walk=PULL)
     bounded = Compliance(limits=True, com_acceleration=math.inf)
     uncapped = Compliance(com_acceleration=math.inf)
@@ -72,7 +72,7 @@ def pairs(full: bool) -> list[Pair]:
 
 
 def experiment(setting: Setting) -> Outcome:
-    """Both side by side, and what statics asks at a step."""
+    """Both side by side, and the requirements of statics at a step."""
     outcome = Outcome("dreamer-limits")
     outcome.parameters = {"human's way": PULL, "gains": Compliance()}
     both = pairs(setting.full)

@@ -27,7 +27,7 @@ PRIVILEGED = (
 """The limits of a single run in ``slope.acceptance``."""
 
 SENSED = {"com_up": 10.0, "com_back": 10.0, "pull": 60.0}
-"""Upper limits on the robot's own sensing; travel is promised there too, and nothing else."""
+"""Upper limits on the robot's own sensing; the lower limit of travel holds as well."""
 
 
 def asked(privileged: bool) -> tuple[Asked, ...]:
@@ -42,7 +42,7 @@ def asked(privileged: bool) -> tuple[Asked, ...]:
 
 
 def compared(cells: Mapping[str, Sequence[Mapping[str, float]]]) -> Table:
-    """A row a figure, a column a cell: median / 99th percentile / worst, and the limit where one was promised."""
+    """A row per figure, a column per cell: median / 99th percentile / worst, and the limit, if any."""
     columns = [[figure.cell(runs) for figure in asked(name == "nominal")] for name, runs in cells.items()]
     rows = [(figure.words, *row) for figure, row in zip(PRIVILEGED, zip(*columns, strict=True), strict=True)]
     header = ("figure", *(f"{name} ({len(runs)} runs)" for name, runs in cells.items()))

@@ -1,4 +1,4 @@
-"""Wheels that bear no load: released from the controller's traction, and held at the speed at which they would roll."""
+"""Unloaded wheels: released from the controller's traction, and held at their rolling speed."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ class MovingLimits(TorqueLimits):
             object.__setattr__(self, name, np.array(getattr(self, name)))
 
     def bounds(self, state: State) -> tuple[Vec, Vec]:
-        """As set."""
+        """Bounds as set."""
         return self.lower, self.upper
 
 
 class ReleasedWheels:
-    """Takes wheels that bear less than ``least`` [N], or spin, from the controller, and gives them back.
+    """Release wheels that bear less than ``least`` [N], or spin, from the controller, and return them.
 
-    A wheel in the air answers the traction that is asked of it by spinning up, and throws the robot when it lands.  A
-    released wheel's torque is bounded to what holds it at the rolling speed, so that the other motors make up for it;
-    back on the ground its bounds widen to the motor's over BACK.  No tick is judged alone: rollers bounce.
+    Traction spins up a wheel in the air, and the wheel throws the robot when it lands.  The bounds of a released
+    wheel's torque hold it at the rolling speed, so that other motors compensate; on the ground its bounds widen to the
+    motor's over BACK.  A release takes several ticks, because rollers bounce.
     """
 
     OFF, ON, BACK = 0.01, 0.004, 0.02
-    """For how long a load has to be missing, and to be there again; how long the bounds take to widen [s]."""
+    """Time without load before a release, with load before the return, and of the bounds' widening [s]."""
     SPINS, ROLLS = 0.3, 0.1
-    """Beyond how much faster than rolling a wheel is released, and below how much it may come back [m/s]."""
+    """Speed beyond rolling above which a wheel is released, and below which it may return [m/s]."""
     HELD = 30.0
-    """Force at the rim for each m/s beyond rolling [N s/m]."""
+    """Braking force at the rim per speed beyond rolling [N s/m]."""
 
     def __init__(self, robot: Any, limits: MovingLimits, least: float, period: float) -> None:
         self._limits, self._least, self._period = limits, least, period
@@ -55,7 +55,7 @@ class ReleasedWheels:
         self._waited = np.zeros(len(robot.wheels))
         self._share = np.ones(len(robot.wheels))
         self.bearing = [True] * len(robot.wheels)
-        """Which wheels are not released."""
+        """True for wheels that are not released."""
 
     def update(self, loads: Vec, spinning: Vec) -> None:
         """Set the bounds for the next tick: loads ``(wheels,)`` [N], rims' speed beyond rolling ``(wheels,)`` [m/s]."""

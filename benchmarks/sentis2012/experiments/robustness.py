@@ -1,4 +1,4 @@
-"""A single run of every cell, without the trifles of ``statistics``: where Dreamer's controller holds and where not."""
+"""A single run of every cell, without the variations of ``statistics``: successes and failures of the controller."""
 
 from __future__ import annotations
 

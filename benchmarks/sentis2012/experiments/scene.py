@@ -1,4 +1,4 @@
-"""Where and how Dreamer is sent out: everything of a run but its controller."""
+"""Scenes of Dreamer: everything of a run but its controller."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ GROUND: dict[str, dict[str, Any]] = {
     "dreamer": {"impedance": (0.95, 0.95), "solref": (0.033, 1.0)},
     "dreamer_rollers": {"impedance": (0.998, 0.998), "solref": (0.04, 1.0)},
 }
-"""The same rubber under both plants: wheels sink in by 0.7 mm at rest, critically damped.  It takes other numbers for
-each, since MuJoCo scales a contact's stiffness with the apparent mass of what touches, here a sphere that carries the
-robot, there a roller of 10 g that spins freely: with the ball wheels' numbers, rollers sink in by some 5 mm, and with
+"""Equal rubber under both plants: wheels sink in by 0.7 mm at rest, critically damped.  Each plant needs its own
+numbers, since MuJoCo scales a contact's stiffness with the apparent mass of the bodies: a sphere that carries the
+robot, or a roller of 10 g that spins freely.  With the ball wheels' numbers, rollers sink in by some 5 mm; with
 MuJoCo's defaults the robot rocks on them at 15 Hz."""
 
 RAMP_START = 0.35
-"""From the middle of the base to the ramp's lower edge, at the start [m]."""
+"""Distance from the middle of the base to the ramp's lower edge at the start [m]."""
 
 OFF = (0.20, 0.12, 0.25, 0.20, -0.12, 0.35, -0.20, 0.15, 0.20)
-"""Posture error of a start out of place, upper body's order, 7 to 20 degrees [rad]."""
+"""Posture errors of a start out of place, in the upper body's order, 7 to 20 degrees [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Where and how: everything of a run but the controller.
+    """Everything of a run but the controller.
 
     plant: ``dreamer`` (ball wheels) or ``dreamer_rollers``.  slope [deg], top: height of a plateau [m].
     bumps, step: height of random bumps, of a step up, on level ground in place of the slope [m].  heading: of
-    the robot, the ramp rises towards 0 [rad].  out_of_place: posture errors at the start, of those in OFF.
-    enable: when upper body and base motors come on [s]; brakes hold them before.
+    the robot, the ramp rises towards 0 [rad].  out_of_place: factor of the posture errors OFF at the start.
+    enable: times at which the motors of upper body and base start [s]; brakes hold them before.
     payload at the hand [kg], extra_mass: factor on the upper body's masses, both unknown to the controller.
     strength: factor on the motors' torque limits.
     push: force on the hand ``(3,)`` [N] in place of the walk, from 1 s to 2.5 s.
-    tilt: by which a helper lifts the front of the base [rad].
+    tilt: angle by which a helper lifts the front of the base [rad].
     """
 
     plant: str = "dreamer"
@@ -62,7 +62,7 @@ class Scene:
 
     @property
     def duration(self) -> float:
-        """Of the run [s]."""
+        """Duration of the run [s]."""
         return self.walk.end + 1.5 if self.seconds is None else self.seconds
 
     def terrain(self) -> Terrain:

@@ -40,9 +40,9 @@ TILT = Scene(slope=0.0, tilt=math.radians(7.0), enable=(0.0, math.inf), push=(0.
 
 
 def experiment(setting: Setting) -> Outcome:
-    """On the robot's own sensing, and both plants privileged, up and back.
+    """Run up and back: on the robot's own sensing, and both plants with privileged normals.
 
-    In full every variant, Fig. 5's timeline, Fig. 3's tilt and the negative tests.
+    In full, also every variant, Fig. 5's timeline, Fig. 3's tilt and the negative controls.
     """
     outcome = Outcome("dreamer-slope")
     outcome.parameters = {
@@ -111,7 +111,7 @@ def experiment(setting: Setting) -> Outcome:
 
 
 def acceptance(where: str, m: Measures, ball: bool) -> list[Figure]:
-    """The figures of a run at 0.35 m/s on 7 degrees, with what earlier studies found on ball wheels or rollers."""
+    """Figures of a run at 0.35 m/s on 7 degrees, with earlier studies' results on ball wheels or rollers."""
     return [
         holds(f"{where}: stays upright", math.isnan(m.fell)),
         Figure(f"{where}: CoM error, way up", m.com_up, "mm", high=6.0, before="4.4" if ball else "4.8"),
@@ -133,7 +133,7 @@ def acceptance(where: str, m: Measures, ball: bool) -> list[Figure]:
 
 
 def _least(run: Outing) -> list[Figure]:
-    """The posture error, while the human stands still on the slope, against the least that the levels above leave."""
+    """Posture error while the human stands still on the slope, against the least under the levels above."""
     t, walk = run.log["t"], run.scene.walk
     at = int(np.argmin(np.abs(t - (walk.turn - 0.2))))
     found, least = least_posture_error(run, run.log["q"][at])
@@ -145,7 +145,7 @@ def _least(run: Outing) -> list[Figure]:
 
 
 def _shares(run: Outing) -> Table:
-    """What the wheels hold of the weight along the slope where the tilt is all that the robot knows of the ground."""
+    """Share of the weight along the slope that the wheels hold if the robot knows only the tilt."""
     weight = 9.81 * run.robot.mass
     rows = []
     for degrees in (0.0, 1.0, 2.0, 3.0, 5.0, 7.0, 8.0, 10.0):

@@ -1,4 +1,4 @@
-"""What statics allows on a slope: the steepest on which Dreamer can stand on rollers, for any controller."""
+"""Bound by statics: the steepest slope on which Dreamer can stand on rollers, for any controller."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from hqp.arrays import Vec
 from hqp.robots import load
 
 FLATTEST, STEEPEST = 0.0, 60.0
-"""Slopes that are looked at [deg]."""
+"""Range of slopes [deg]."""
 
 
 def stands(slope: float, friction: float = 0.8, pull: float = 0.0, least_load: float = 0.0) -> bool:
-    """Whether there are forces that hold the robot on a slope [rad] at rest, facing it, its CoM task at the goal.
+    """Return true if forces exist that hold the robot at rest, facing a slope [rad], its CoM task at the goal.
 
     A linear programme in the wheels' normal forces, their traction (rollers bear force along the rim only, within
     friction and the motor's torque), and a pull up the slope at the hand of at most ``pull`` [N]: six equations of
     equilibrium.
-    The base lies in the slope; the upper body's CoM stands over the base where the CoM task wants it, in the heading's
-    axes.  least_load: on every wheel [N].
+    The base lies in the slope; the upper body's CoM is at the CoM task's goal, in the heading's axes.  least_load: on
+    every wheel [N].
     """
     from scipy.optimize import linprog
 
@@ -60,7 +60,7 @@ def stands(slope: float, friction: float = 0.8, pull: float = 0.0, least_load: f
 
 
 def _upper_body(q: Vec) -> tuple[float, Vec]:
-    """Mass [kg] and CoM ``(3,)`` [m] of what the torso's yaw joint carries."""
+    """Mass [kg] and CoM ``(3,)`` [m] of the bodies on the torso's yaw joint."""
     import pinocchio as pin
 
     model = load("dreamer").model
@@ -80,7 +80,7 @@ def steepest(friction: float = 0.8, pull: float = 0.0, least_load: float = 0.0) 
 
 
 def slopes() -> Table:
-    """The steepest slope by friction: alone, pulled by 120 N, and with 60 N kept on every wheel."""
+    """The steepest slope by friction: alone, under a pull of 120 N, and with at least 60 N on every wheel."""
     rows = []
     for friction in (0.8, 0.5, 0.3, 0.25, 0.2, 0.15):
         found = (steepest(friction), steepest(friction, pull=120.0), steepest(friction, least_load=60.0))

@@ -1,11 +1,11 @@
-"""Dreamer's figures as distributions: each cell many times, with trifles changed from run to run.
+"""Distributions of Dreamer's figures: each cell many times, with small variations.
 
-Runs differ in when the human sets out (up to half a second), in friction (2 percent) and in the sensors' noise (a tenth
-of the table's noisy cells, where a cell has none of its own).  A fall counts as an infinite error.  A promise holds
-if no run fell and the 99th percentile, rounded up to a run that was made, is within it.  Promised are a few cells with
-many runs (PROMISED); of the others a few runs are held against a limit, which is an observation.
+Runs differ in the start of the human's walk (up to 0.5 s), in friction (2 percent) and in the sensors' noise (a tenth
+of the table's noisy cells, for cells without noise).  A fall counts as an infinite error.  A promise holds if no run
+fell and the 99th percentile, rounded up to an existing run, is within it.  The cells in PROMISED have many runs; other
+cells compare a few runs with a limit, which is an observation.
 
-Every run is a case of ``hqp.sweep``: the table takes hours, may be stopped at any time, and goes on where it was.
+Every run is a case of ``hqp.sweep``: the table takes hours, can be stopped at any time and resumed.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from hqp.robots.on_mujoco import Noise, Sensors
 TRIFLES = Sensors(
     orientation=Noise(1e-4), gyro=Noise(1e-3), angle=Noise(1e-5), rate=Noise(1e-3), force=Noise(0.3)
 )  # fmt: skip
-"""Noise of runs whose cell has none."""
+"""Noise of runs of cells without noise."""
 
 LATER, SLIPPERIER = 0.5, 0.02
-"""The human sets out up to so much later [s]; friction differs by up to this share."""
+"""Largest delay of the human's walk [s], and largest relative deviation of friction."""
 
 MANY, FEW = 300, 30
-"""Runs of a cell that promises something, and of another."""
+"""Runs of a cell with a promise, and of another cell."""
 
 PROMISED = (
     "nominal-imu",
@@ -55,8 +55,7 @@ PROMISED = (
     "step pull, 60 N aside, flat, with limits, tilt alone, rollers",
     "payload, 1 kg, unknown, observed, rollers, ground felt",
 )
-"""Cells whose limit is a promise: those that a reader needs, with runs enough for a rate.  Of the others it is the
-limit that a few runs are held against."""
+"""Cells whose limit is a promise, with enough runs for a rate.  Other cells compare a few runs with their limit."""
 
 ABOUT = {
     "nominal": "7 degrees on rollers, contact normals from the simulator: privileged",
@@ -84,7 +83,7 @@ def registry() -> Mapping[str, Cell]:
 
 
 def varied(case: Case, run: int, seed: int) -> Case:
-    """The case with the trifles of one run changed."""
+    """The case with the small variations of one run."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode()), run])
     scene = case.scene
     return replace(
@@ -100,16 +99,16 @@ def varied(case: Case, run: int, seed: int) -> Case:
 
 
 def one_run(cell: str, run: int, seed: int, solver: str = "lexicographic") -> dict[str, Any]:
-    """The measures of one run, as a case of a sweep calls it."""
+    """Measures of one run, a case of a sweep."""
     case = varied(registry()[cell].case, run, seed)
     outing = Outing(case.scene, case.choice, case.solver or solver, residuals=False).run()
     return {**asdict(measure(outing, case.since)), "ignored_normals": outing.ignored_normals}
 
 
 def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
-    """A cell's line: percentiles over its runs, falls, what is promised (None: nothing), and whether its limit holds.
+    """Row of a cell: percentiles over its runs, falls, promised limit or None, and ``passed``: true if the limit holds.
 
-    ``passed`` judges the limit of a cell that is only observed as well.
+    ``passed`` also judges the limit of a cell without a promise.
     """
     fell = np.array([math.isfinite(row["fell"]) for row in rows])
     figures = {}
@@ -155,7 +154,7 @@ SPREAD = {"median": "median", "p95": "95th", "p99": "99th percentile", "worst": 
 
 
 def shown(found: Sequence[Mapping[str, Any]], of: Sequence[str] = tuple(SPREAD)) -> Table:
-    """The lines for people: the figures ``of`` every distribution, and the bound on the fall rate."""
+    """Rows of the table: the figures ``of`` every distribution, and the bound on the fall rate."""
 
     def spread(figures: Mapping[str, float]) -> str:
         found = [number(figures[name]) if figures[name] < math.inf else "falls" for name in of]
@@ -182,7 +181,7 @@ def shown(found: Sequence[Mapping[str, Any]], of: Sequence[str] = tuple(SPREAD))
 
 
 def command(arguments: Any) -> int:
-    """Make the runs that are missing, show and write the lines; 1 if a promise fails, 2 for an unknown cell."""
+    """Make missing runs, show and write the table; return 1 if a promise fails, 2 for an unknown cell."""
     from hqp import sweep
 
     names = _names(arguments.cells)
@@ -192,7 +191,7 @@ def command(arguments: Any) -> int:
         return 2
     solver = arguments.solver or "lexicographic"
     each = {name: arguments.runs or (MANY if name in PROMISED else FEW) for name in names}
-    # the first run of every cell, then the second: a table that is stopped has all of its cells
+    # the first run of every cell, then the second: a stopped table has all of its cells
     wanted = [
         {"cell": name, "run": run, "seed": arguments.seed, "solver": solver}
         for run in range(max(each.values()))
@@ -224,14 +223,14 @@ def command(arguments: Any) -> int:
 
 
 def knows(cell: str) -> str:
-    """Where the ground's normals come from: the simulator's contacts, which are privileged, or the robot itself."""
+    """Source of the ground's normals: the simulator's contacts, which are privileged, or the robot itself."""
     words = {"contact": "privileged", "map": "own map", "felt": "ground felt", "base": "tilt"}
     normals = registry()[cell].case.choice.normals
     return words.get(normals, normals)
 
 
 def by_tilt(made: Iterable[str], but: Sequence[str]) -> list[str]:
-    """The cells in which the human carries a share of the weight: their pull is promised as well."""
+    """Cells in which the human carries a share of the weight: they also promise a limit of the pull."""
     return [name for name in made if registry()[name].case.choice.carried != (0.0, 0.0) and name not in but]
 
 
@@ -247,7 +246,7 @@ def _print(made: Table) -> None:
 
 
 def finite(value: Any) -> Any:
-    """Infinity, which JSON lacks, as null."""
+    """Replace infinity, which JSON lacks, by null."""
     if isinstance(value, dict):
         return {name: finite(part) for name, part in value.items()}
     if isinstance(value, list):
@@ -256,7 +255,7 @@ def finite(value: Any) -> Any:
 
 
 def experiment(setting: Setting) -> Outcome:
-    """A look: half a dozen runs each, in full thirty, of the privileged run and of that on the robot's own sensing."""
+    """Six runs each, in full thirty, of the privileged run and of that on the robot's own sensing."""
     runs = FEW if setting.full else 6
     outcome = Outcome("dreamer-statistics")
     outcome.parameters = {"runs": runs, "sets out later by up to [s]": LATER, "friction": f"+-{100 * SLIPPERIER:g} %"}

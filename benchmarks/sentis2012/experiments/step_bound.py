@@ -1,4 +1,4 @@
-"""What statics asks of Dreamer on rollers at a step: how far off its CoM has to stand to get onto it."""
+"""Requirement of statics on Dreamer's rollers at a step: least shift of the CoM to climb it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from hqp.arrays import Vec
 from hqp.robots import load
 
 RING, TUBE = 0.088, 0.013
-"""The rim that rollers form: a ring through their middles, and their radius around it [m] (``robots/dreamer``)."""
+"""Rim of the rollers: radius of the ring through their middles, and their radius around it [m] (``robots/dreamer``)."""
 
 FRICTION, CAP = 0.8, 120.0
-"""Of the ground, and of the human's pull [N]."""
+"""Friction of the ground, and largest pull of the human [N]."""
 
 
 def meeting(rise: float, askew: float) -> tuple[float, float]:
-    """Where a wheel that stands on the ground meets an edge: how far ahead of its lowest point [m], and the inclination
-    of the normal there from the vertical [rad].
+    """Contact of a wheel on the ground with an edge: distance ahead of the wheel's lowest point [m], and inclination of
+    the normal from the vertical [rad].
 
     The rim, seen along the edge, is an ellipse with semi-axes RING cos(askew) and RING, thickened by TUBE; askew: angle
-    between the direction in which the wheel rolls and that square to the edge [rad].  A wheel that is moved along its
-    axle meets the edge with one roller.
+    between the wheel's rolling direction and the normal of the edge [rad].  A wheel that moves along its axle meets the
+    edge with one roller.
     """
     along = RING * math.cos(askew)
     turn = np.linspace(0.0, 0.5 * math.pi, 100_001)
@@ -41,13 +41,12 @@ def meeting(rise: float, askew: float) -> tuple[float, float]:
 
 
 def least_shift(rise: float, heading: float = 0.0, friction: float = FRICTION) -> float:
-    """How far the CoM has to stand off that of the posture goal, ahead or aside, for the front wheels to bear on the
-    edge alone [m]; inf where no place of it will do.
+    """Least shift of the CoM from the posture goal's, ahead or aside, with which the front wheels bear on the edge
+    alone [m]; inf if there is none.
 
     A linear programme in the wheels' normal forces, their traction (a roller bears force along its own axis only,
-    within friction and the motor's torque), a pull ahead of at most CAP at the hand, one aside of at most as much,
-    and the CoM's place: six equations of equilibrium.  rise [m]; the step rises towards azimuth 0, heading of the
-    robot [rad].
+    within friction and the motor's torque), pulls ahead and aside of at most CAP each at the hand, and the CoM's
+    place: six equations of equilibrium.  rise [m]; the step rises towards azimuth 0, heading of the robot [rad].
     """
     from scipy.optimize import linprog
 
@@ -86,7 +85,7 @@ def least_shift(rise: float, heading: float = 0.0, friction: float = FRICTION) -
     room = len(wrenches)
     wrenches.append(np.zeros(6))
     bounds.append((0.0, None))
-    for axis in np.eye(3)[:2]:  # the weight acts off by so much
+    for axis in np.eye(3)[:2]:  # moment of the shifted weight
         wrenches.append(np.concatenate((np.zeros(3), np.cross(axis, weight))))
         bounds.append((None, None))
         unequal.append((len(wrenches) - 1, room, 1.0))
@@ -100,7 +99,7 @@ def least_shift(rise: float, heading: float = 0.0, friction: float = FRICTION) -
 
 
 def steps() -> Table:
-    """Steps by height and heading: the normal on the edge, and how far off the CoM has to stand."""
+    """Steps by height and heading: the normal on the edge, and the least shift of the CoM."""
     rows = []
     for heading, askew in ((0.0, 90.0), (30.0, 60.0), (60.0, 30.0)):
         for rise in (0.002, 0.003, 0.004, 0.005, 0.006, 0.01):

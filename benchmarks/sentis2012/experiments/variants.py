@@ -1,4 +1,4 @@
-"""Variants of the way up the slope: other normals, speeds, rates and ground; and readings of the paper that fail."""
+"""Variants of the way up the slope: other normals, speeds, rates and ground; and misreadings of the paper."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from tests.scenes.sentis2012 import EXACT
 NAMES = {"dreamer": "ball wheels", "dreamer_rollers": "rollers"}
 
 PULL = Walk(speed=0.33, distance=0.95)
-"""The human's way; the robot, on a spring, runs at 0.35 m/s."""
+"""Walk of the human; the robot, on a spring, reaches 0.35 m/s."""
 
 IMU_ONLY = Compliance(normals="base", carried=(0.4, 40.0), com_acceleration=3.0, wrench="observed", assist=0.2)
-"""The share of gravity compensation from the tilt; the human's pull from a momentum observer, and the wheels go along
-with it by a fifth, which takes the peak from the pull while the front wheel alone is on the slope."""
+"""Gravity compensation of a share of the weight by the tilt.  A momentum observer estimates the human's pull, and the
+wheels add a fifth of it, which reduces its peak while the front wheel alone is on the slope."""
 
 IMU_WALK = Walk(speed=0.30, distance=1.1)
-"""The spring that carries a share of the robot's weight along the slope stretches: a longer way."""
+"""Longer walk, because the spring stretches under its share of the robot's weight."""
 
 TOO_MUCH = replace(IMU_ONLY, carried=(0.0, 0.0), wrench="none", assist=0.0)
-"""All of the gravity compensation by the tilt alone."""
+"""Full gravity compensation by the tilt alone."""
 
 MAPPED = Compliance(normals="map")
 """Full gravity compensation with normals from the robot's own map: IMU and wheel encoders, no force sensor."""
@@ -41,21 +41,21 @@ ONE = replace(
     FELT, limits=True, com_acceleration=math.inf, least_load=90.0, torso=1.0, payload="observed", bandwidth=100.0,
     felt=(0.01, 200.0, 1.0), released=20.0, own_weight=True,
 )  # fmt: skip
-"""One controller for every duty, on the robot's own sensing: the ground felt, torque limits, joint range and friction
-cones in place of the cap, loads kept on the wheels, the torso turns to where it is led, a payload is found out.
+"""One controller for every duty, on the robot's own sensing: felt ground; torque limits, joint range and friction
+cones in place of the cap; least loads of the wheels; a torso that turns towards the pull; an estimated payload.
 
-On 10 degrees the ground has to be felt within 20 ms: while the rear wheels, on the flat again, are held against a slope
-that they have left, they throw the base back by 130 N, and the front wheel leaves the ground; and it has to be felt on
-while that wheel bears nothing."""
+On 10 degrees the estimate of the ground's push must follow within 20 ms: compensation for a slope that the rear wheels
+have left pushes the base back by 130 N, and the front wheel leaves the ground.  The estimate must also last while that
+wheel is unloaded."""
 
 SENSED = Case(
     name="own map of heights, rollers", scene=Scene(plant="dreamer_rollers", walk=PULL), choice=MAPPED
 )  # fmt: skip
-"""The headline: rollers, on the robot's own sensing."""
+"""Main case: rollers, on the robot's own sensing."""
 
 
 def variants(full: bool) -> list[Case]:
-    """IMU only; in full also the own map elsewhere, other speeds, control rate, flat ground and plateau."""
+    """IMU only; in full, also the own map in other scenes, other speeds, control rate, flat ground and plateau."""
     rollers = Scene(plant="dreamer_rollers", walk=PULL)
     imu = [
         Case(
@@ -89,7 +89,7 @@ def variants(full: bool) -> list[Case]:
 
 
 def variant_figures(m: Mapping[str, Measures], full: bool) -> list[Figure]:
-    """What is asked of the variants."""
+    """Figures of the variants with their limits."""
     figures = []
     for name, r in m.items():
         reduced, mapped = name.startswith("IMU only") and "full" not in name, name.startswith("own map")
@@ -130,7 +130,7 @@ def variant_figures(m: Mapping[str, Measures], full: bool) -> list[Figure]:
 
 
 def negatives(full: bool) -> list[Case]:
-    """Readings of the paper that fail, and how."""
+    """Cases of misreadings of the paper."""
     short = replace(PULL, back=False)
     scene = Scene(walk=short)
     cases = [Case(name="absolute Jacobians", scene=scene, choice=Compliance(absolute_jacobians=True))]
@@ -152,7 +152,7 @@ def negatives(full: bool) -> list[Case]:
 
 
 def refusal(choice: Compliance) -> str:
-    """What the library says of a stack that it refuses to compile, empty if it takes it."""
+    """Error text of a stack that the library refuses to compile, empty if it compiles."""
     try:
         hqp.Controller(stack(choice), hqp.Torque(loop_law=EXACT), price=0).session(
             hqp.robots.load("dreamer"), choice.period
@@ -163,7 +163,7 @@ def refusal(choice: Compliance) -> str:
 
 
 def negative_figures(m: Mapping[str, Measures]) -> list[Figure]:
-    """Each mistake seen to fail in its own way."""
+    """Figures of the mistakes: each fails in its own way."""
     figures = [holds("absolute Jacobians: falls", math.isfinite(m["absolute Jacobians"].fell), before="0.7 s of pull")]
     if len(m) == 1:
         return figures
