@@ -1,4 +1,4 @@
-"""The centre of mass over a ZMP: the feedback decays as it says, the ZMP stays in the support, slopes are right."""
+"""Centre of mass over a ZMP: the error decays at the declared rate, the ZMP stays in the support, also on slopes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_the_forces_act_at_the_zmp_that_was_asked_for(robot: Robot) -> None:
 
 
 def test_with_the_zmp_at_the_capture_point_it_stays_there(robot: Robot) -> None:
-    """d xi/dt = dc/dt + a / omega = 0 for a robot that moves at 0.1 m/s; without speed xi is below the CoM."""
+    """d xi/dt = dc/dt + a / omega = 0 for a robot that moves at 0.1 m/s; at rest xi is below the CoM."""
     for height in (None, 0.9):
         element = ready(Balance(height=height))
         still = robot.state(robot.home)
@@ -90,7 +90,7 @@ def test_with_the_zmp_at_the_capture_point_it_stays_there(robot: Robot) -> None:
         np.testing.assert_allclose(p, xi)
         a = omega**2 * (state.com()[:2] - p)
         np.testing.assert_allclose(state.com_velocity()[:2] + a / omega, 0.0, atol=1e-12)
-        if height is None:  # the robot's own: what it asks for is that acceleration
+        if height is None:  # the robot's own height: the demand is that acceleration
             np.testing.assert_allclose(-element.error(state, np.concatenate((xi, xi))), a, rtol=1e-2)
 
 
@@ -120,7 +120,7 @@ def test_the_dcm_moves_as_its_derivative_says(robot: Robot, height: float | None
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_on_a_slope_the_line_of_force_goes_through_the_zmp(seed: int) -> None:
-    """With no vertical acceleration the ground's force m (a - g) points from p on the slope to the centre of mass."""
+    """Without vertical acceleration the ground's force m (a - g) points from p on the slope to the centre of mass."""
     rng = np.random.default_rng(seed)
     robot = hqp.robots.load("talos")
     q = robot.integrate(
@@ -179,7 +179,7 @@ def test_what_it_takes(robot: Robot) -> None:
 
 
 def test_the_page_declares_one_in_a_file() -> None:
-    """Its text is read to an equal element, written and read back."""
+    """Read the page's text to an equal element, write it and read it back."""
     page = (Path(__file__).parents[2] / "docs" / "elements" / "balance.md").read_text(encoding="utf-8")
     found = serial.loads(page.partition("```toml\n")[2].partition("```")[0])
     feet = "left_sole_link", "right_sole_link"

@@ -1,4 +1,4 @@
-"""Joints that are frozen, motors with a torque-speed line, and welds whose force exists and is limited."""
+"""Frozen joints, motors with a torque-speed line, and welds with a limited constraint force."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_frozen_joints_do_not_move(robots: dict[str, Any], kind: str, name: str,
 
 @pytest.mark.parametrize("kind", ["acceleration", "torque"])
 def test_a_joint_that_moves_comes_to_rest(robots: dict[str, Any], kind: str) -> None:
-    """Frozen while it turns at 1 rad/s: it slows down at most at the declared rate and returns to its place."""
+    """Freeze a joint that turns at 1 rad/s: it slows down at most at the declared rate and returns to its place."""
     robot = robots["panda"]
     frozen = t.Frozen(joints="panda_joint4", acceleration=10.0)
     stack = Stack(Level(t.Posture()), subject_to=[frozen])
@@ -83,7 +83,7 @@ def test_a_joint_that_moves_comes_to_rest(robots: dict[str, Any], kind: str) -> 
 
 
 def test_a_joint_without_end_is_frozen_the_short_way() -> None:
-    """Frozen just below pi, and found a little beyond it: an error of 0.02, not of a turn."""
+    """Freeze just below pi and start a little beyond it: the error is 0.02 rad, not a turn."""
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), "spin")
     model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
@@ -122,7 +122,7 @@ def test_a_motor_at_speed_has_less_torque(robots: dict[str, Any]) -> None:
         assert (tick.command >= low - 1e-6).all()
         q, v = tick.advance()
         less += int(((tick.command > high - 1e-6) & (high < 0.9 * robot.effort_limit[robot.actuated])).any())
-    assert less > 10  # ticks in which a motor at speed was at its limit
+    assert less > 10  # ticks with a moving motor at its limit
 
 
 def hands(robot: Any, law: Any = None) -> t.Weld:
@@ -131,7 +131,7 @@ def hands(robot: Any, law: Any = None) -> t.Weld:
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_a_weld_keeps_two_hands_together(robots: dict[str, Any], kind: str) -> None:
-    """Talos carries a box: one hand moves by 15 cm, the other follows it; the box keeps its shape."""
+    """Talos carries a box: one hand moves by 15 cm, the other follows, and their relative pose is constant."""
     robot = robots["talos"]
     weld = hands(robot, P(20.0) if kind == "velocity" else PD(400.0))
     hand = t.Position(frame=weld.frame, name="hand")
@@ -147,7 +147,7 @@ def test_a_weld_keeps_two_hands_together(robots: dict[str, Any], kind: str) -> N
 
 
 def test_a_weld_without_a_law_does_not_drift_at_torque_level(robots: dict[str, Any]) -> None:
-    """The hands start 2 mm off the place that the weld asks for, and are there after half a second."""
+    """The hands start 2 mm off the declared relative place and reach it within half a second."""
     robot = robots["talos"]
     weld, posture = hands(robot), t.Posture(law=PD(20.0))
     stack = Stack(Level(posture), subject_to=[*feet(robot), weld])
@@ -167,7 +167,7 @@ def test_a_weld_without_a_law_does_not_drift_at_torque_level(robots: dict[str, A
 
 
 def test_the_wrench_of_a_weld_is_real(robots: dict[str, Any]) -> None:
-    """With the torques and that wrench on both hands Pinocchio finds the acceleration of the program."""
+    """With the torques and that wrench on both hands, Pinocchio's forward dynamics give the program's acceleration."""
     robot = robots["talos"]
     weld = hands(robot)
     stack = Stack(Level(t.Com()), Level(t.Posture()), subject_to=[*feet(robot), weld])
@@ -192,7 +192,7 @@ def test_the_wrench_of_a_weld_is_real(robots: dict[str, Any]) -> None:
 
 
 def test_the_wrench_of_a_weld_is_limited(robots: dict[str, Any]) -> None:
-    """Both hands are torn apart by a level: the box bears what it may, and no more."""
+    """A level pulls both hands apart: the box bears its limit of force and no more."""
     robot = robots["talos"]
     weld = hands(robot, PD(400.0))
     squeeze = t.ContactForce(contact="box", components=("fy",), name="squeeze")
@@ -257,7 +257,7 @@ TURN = (
 @pytest.mark.parametrize("kind", FORMULATIONS)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_parallelogram_moves_on_its_circle(closure: str, kind: str, seed: int, tmp_path: Any) -> None:
-    """Crank and rocker turn alike, the coupler keeps its direction: closed form, for drawn lengths and poses."""
+    """Crank and rocker turn equally, the coupler keeps its direction: closed form, for drawn lengths and poses."""
     rng = np.random.default_rng(seed)
     span, arm = rng.uniform(0.2, 0.6), rng.uniform(0.1, 0.4)
     places = (("crank", "ground", 0.0), ("coupler", "crank", arm), ("rocker", "ground", span))

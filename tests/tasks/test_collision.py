@@ -1,4 +1,4 @@
-"""Collision avoidance: distances against coal, every trap met while it was tried, and closed loops."""
+"""Collision avoidance: distances against coal, past traps, and closed loops."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_distances_are_coals() -> None:
 
 
 def test_points_and_parallel_axes() -> None:
-    """A capsule that is a point, axes that cross, axes that are parallel: no jump, no NaN."""
+    """Degenerate capsules (points), crossing and parallel axes: no jump, no NaN."""
     zero, x, z = np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     assert distances.to_capsule(zero, zero, 0.1, x, x, 0.2)[0] == pytest.approx(0.7)
     assert distances.to_capsule(zero, zero, 0.1, x - z, x + z, 0.2)[0] == pytest.approx(0.7)
@@ -92,14 +92,14 @@ def test_points_and_parallel_axes() -> None:
     assert d == pytest.approx(-0.3)
     assert abs(n @ x) < 1e-12
     assert abs(n @ z) < 1e-12
-    _, n, p = distances.to_capsule(-x, x, 0.1, z - 0.5 * x, z + x, 0.1)  # parallel: the middle of what they share
+    _, n, p = distances.to_capsule(-x, x, 0.1, z - 0.5 * x, z + x, 0.1)  # parallel: the middle of the overlap
     np.testing.assert_allclose(p, [0.25, 0.0, 0.0], atol=1e-12)
     near = [distances.to_capsule(-x, x, 0.1, z + [0, 0, e], z + [0, 0, e], 0.1)[0] for e in (0.0, 1e-7)]
     assert abs(near[0] - near[1]) < 1e-6
 
 
 def write_box(path: Any, half: Any) -> None:
-    """An STL of a box."""
+    """Write an STL of a box."""
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half
     hull = ConvexHull(corners)
     with open(path, "wb") as file:
@@ -111,7 +111,7 @@ def write_box(path: Any, half: Any) -> None:
 
 
 def test_a_mesh_of_a_box_is_the_box(panda: Any, tmp_path: Any) -> None:
-    """Distances, normals and J of hull and triangles are those of the native box, whatever its pose and scale."""
+    """Distances, normals and J of hull and triangles equal those of the native box in any pose and scale."""
     write_box(tmp_path / "box.stl", np.array([150.0, 200.0, 20.0]))  # in millimetres
     place, turn = (0.45, 0.1, 0.4), (0.1, 0.3, 0.7)
     native = CollisionAvoidance(pairs="world", world=shapes.box("box", (0.3, 0.4, 0.04), place, turn), influence=0.6)
@@ -160,8 +160,8 @@ def test_a_hand_stops_at_a_mesh(panda: Any, tmp_path: Any) -> None:
     ids=lambda x: x if isinstance(x, str) else type(x).__name__,
 )
 def test_both_ends_of_a_capsule_that_lies_on_something_have_rows(kind: str, formulation: Any, tmp_path: Any) -> None:
-    """With the nearest point's row alone, that point jumps from end to end, and commands alternate for good, or it
-    turns through a rod."""
+    """With a single row for the nearest point, that point jumps from end to end: commands alternate forever, or the
+    capsule turns through a rod."""
     model = pin.Model()
     wrist = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "lift")
     joint = model.addJoint(wrist, pin.JointModelRY(), pin.SE3.Identity(), "tilt")
@@ -262,7 +262,8 @@ def test_pairs_by_group_link_and_world(talos: Any) -> None:
 
 
 def test_home_violates_nothing(talos: Any) -> None:
-    """Bounding capsules of neighbours overlap: they are left out, others keep at most 0.8 of what they have."""
+    """Overlapping bounding capsules of neighbours are left out; other pairs limit their clearance to 0.8 of their
+    distance."""
     element = CollisionAvoidance(clearance=0.05)
     near = element.near(talos.state())
     assert all(n.distance >= n.clearance for n in near if n is not None)
@@ -288,7 +289,7 @@ def test_a_pair_keeps_its_slot_and_the_nearest_have_one() -> None:
 
 
 def test_native_rows_give_the_nearest_pairs_their_slots_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two slots for four posts on the ball's way: a pair that comes near takes that of the farthest."""
+    """Two slots for four posts on the ball's way: an approaching pair takes the slot of the farthest one."""
     robot, world = ball_on_rails()
     element = CollisionAvoidance(pairs="world", world=world, influence=1.5, slots=2)
     laws, made = {element.name: P(1.0)}, []
@@ -300,14 +301,14 @@ def test_native_rows_give_the_nearest_pairs_their_slots_too(monkeypatch: pytest.
         state = robot.state(np.array([x, 0.0]), np.array([0.3, 0.1]))
         for rows in made:
             rows.fill(state, {element.name: element.hold(state)}, ())
-        order = [np.lexsort(np.column_stack([rows.lower, rows.J]).T) for rows in made]  # of slots: anyone's
+        order = [np.lexsort(np.column_stack([rows.lower, rows.J]).T) for rows in made]  # the order of slots is free
         for what in ("J", "lower"):
             fast, slow = (getattr(rows, what)[i] for rows, i in zip(made, order, strict=True))
             np.testing.assert_allclose(fast, slow, atol=1e-9, err_msg=f"{what} at {x:.2f}")
 
 
 def ball_on_rails() -> tuple[Any, tuple[shapes.Shape, ...]]:
-    """A ball that two slides carry along x and y, and four balls beside its way."""
+    """A ball on two slides along x and y, and four balls beside its way."""
     model, at = pin.Model(), pin.SE3.Identity()
     one = model.addJoint(0, pin.JointModelPX(), at, "x")
     two = model.addJoint(one, pin.JointModelPY(), at, "y")
@@ -321,7 +322,7 @@ def ball_on_rails() -> tuple[Any, tuple[shapes.Shape, ...]]:
     "formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=lambda f: type(f).__name__
 )
 def test_a_ball_goes_around_a_post_and_stops_at_a_wall(formulation: hqp.Formulation) -> None:
-    """It comes in without a jump, never nearer than the clearance, and at rest exactly there."""
+    """The distance decreases without a jump, never falls below the clearance, and equals it at rest."""
     robot, _ = ball_on_rails()
     wall = shapes.half_space("wall", (0.5, 0.0, 0.0), (0.0, -math.pi / 2, 0.0))
     avoid = CollisionAvoidance(pairs="world", world=(wall, shapes.sphere("post", 0.1, (0.0, 0.02, 0.0))), influence=0.2)
@@ -360,14 +361,14 @@ def test_from_inside_it_comes_out_at_the_recovery_speed_with_the_feet_where_they
     fastest = float(np.max(np.diff(depth))) / (5 * DT)
     assert depth[0] < -0.1
     assert depth[-1] > avoid.clearance - 5e-4
-    assert fastest < 3.0 * avoid.recovery  # the deepest pair gives way to another one on the way
+    assert fastest < 3.0 * avoid.recovery  # the deepest pair yields to another one on the way
     for frame, at in zip(talos.landmarks["soles"], start, strict=True):
         np.testing.assert_allclose(talos.state(q).position(frame), at, atol=1e-4)
 
 
 @pytest.mark.parametrize("price", [None, 0])
 def test_explain_names_the_pair(panda: Any, price: float | None) -> None:
-    """A hand that wants through the table is lost to the pair, by name."""
+    """A hand is sent through the table: the explanation names the pair."""
     table = shapes.box("table", (0.6, 1.0, 0.05), (0.5, 0.0, 0.2))
     avoid = CollisionAvoidance(world=table)
     hand = Position(frame="panda_hand_tcp", law=P(2.0, max_velocity=0.5))

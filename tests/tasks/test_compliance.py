@@ -1,4 +1,4 @@
-"""Impedance and admittance in MuJoCo: a force is reached, a spring is as stiff as asked, nothing jumps at a touch."""
+"""Impedance and admittance in MuJoCo: a force is reached, a spring has its stiffness, contact causes no jump."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hqp.tasks import Admittance, ExternalWrench, Impedance, JointLimits, Orient
 
 DT, STIFF, MASS = 0.002, 1000.0, 4.0
 HEIGHT = 0.40
-"""Of the table [m]."""
+"""Height of the table [m]."""
 HANDS = {"panda": "panda_hand", "ur5": "tool0"}
 
 
 def table(timeconst: float) -> Any:
-    """A box under the hand, soft by MuJoCo's time constant of contacts [s]."""
+    """Box under the hand, soft by MuJoCo's time constant of contacts [s]."""
     import mujoco
 
     def edit(spec: Any) -> None:
@@ -38,7 +38,7 @@ def table(timeconst: float) -> Any:
 
 @dataclass
 class Loop:
-    """A hand that presses, and what was seen of it."""
+    """Hand that presses on the table, with its records."""
 
     level: str
     damping: float = 400.0
@@ -83,7 +83,7 @@ class Loop:
         self.start = robot.state(self.q, self.v).position(frame).copy()
 
     def go(self, seconds: float, bears: Any = (0.0, 0.0, 0.0), push: Any = (0.0, 0.0, 0.0)) -> None:
-        """So long; push: a hand of somebody else, which the sensor feels too."""
+        """Run for a time [s]; push: external force on the hand, also measured by the sensor."""
         for _ in range(round(seconds / DT)):
             reading = self.plant.measure()
             force = reading.contacts.force[0] + push
@@ -93,7 +93,7 @@ class Loop:
                 asked.append(self.felt.at([*force, 0.0, 0.0, 0.0]))
                 tick = self.session.step(self.robot.state(reading.q, reading.v), *asked)
                 self.plant.step(tick.command, steps=2)
-            else:  # servos follow the robot as it was commanded
+            else:  # servos follow the commanded robot
                 tick = self.session.step(self.robot.state(self.q, self.v), *asked)
                 self.q, self.v = tick.advance()
                 motors = self.robot.actuated
@@ -116,14 +116,14 @@ class Loop:
     ("level", "damping", "most"), [("velocity", 500.0, 0.1), ("acceleration", 400.0, 30.0), ("torque", 400.0, 12.0)]
 )
 def test_a_table_is_pressed_with_twenty_newtons(level: str, damping: float, most: float, softness: float) -> None:
-    """From the air, on a hard and on a soft table, within 1 N; at most so large a change of the command in a tick."""
+    """From the air onto a hard and a soft table, within 1 N; bounded change of the command per tick."""
     pytest.importorskip("mujoco")
     loop = Loop(level, damping, softness)
     loop.go(3.0, bears=(0.0, 0.0, 20.0))
     loads = np.array(loop.loads)
     assert loads[0] == 0.0
     np.testing.assert_allclose(loads[-200:], 20.0, atol=1.0)
-    assert loop.jumps.max() <= most + 1e-9  # at velocity level what JointLimits allow
+    assert loop.jumps.max() <= most + 1e-9  # at velocity level, the JointLimits bound the change
     assert loop.statuses <= {"OPTIMAL", "RANK_UNCERTAIN"}
 
 
@@ -137,7 +137,7 @@ def test_a_table_is_pressed_by_noisy_sensors_with_delay() -> None:
 
 @pytest.mark.parametrize("level", ["velocity", "acceleration", "torque"])
 def test_a_spring_is_as_stiff_as_asked(level: str) -> None:
-    """Pushed by 15 N the hand rests at F / K, and comes back."""
+    """With a push of 15 N the hand rests at F / K; without it the hand returns."""
     pytest.importorskip("mujoco")
     push = np.array([9.0, -12.0, 6.0])
     loop = Loop(level, 126.0, stiffness=(STIFF, STIFF, STIFF))
@@ -145,7 +145,7 @@ def test_a_spring_is_as_stiff_as_asked(level: str) -> None:
     rest = loop.moved
     loop.go(2.0, push=push)
     moved = loop.moved - rest
-    if level != "torque":  # servos give way too
+    if level != "torque":  # servos are compliant, too
         moved = loop.robot.state(loop.q, loop.v).position(loop.frame) - loop.start
     np.testing.assert_allclose(moved, push / STIFF, atol=2e-4)
     loop.go(2.0)
@@ -154,7 +154,7 @@ def test_a_spring_is_as_stiff_as_asked(level: str) -> None:
 
 
 def test_springs_are_laws_and_forces_feedforward() -> None:
-    """(f - f_ref) / M beside a_ref, (f - f_ref) / D beside v_ref; 2 sqrt(K M) damps by default."""
+    """(f - f_ref) / M adds to a_ref, (f - f_ref) / D to v_ref; 2 sqrt(K M) is the default damping."""
     mass = Impedance(frame="hand", axes="xz", stiffness=(100.0, 0.0), damping=(20.0, 8.0), mass=2.0)
     assert mass.law == PD((50.0, 0.0), (10.0, 4.0))
     found: Any = mass.at(force=[3.0, 5.0], bears=[1.0, 1.0], acceleration=[0.5, 0.0])

@@ -1,4 +1,4 @@
-"""Coupled joints stay coupled through any number of turns, and a follower that is off comes back.
+"""Coupled joints stay coupled through any number of turns; a follower with an error returns.
 
 Positions with turns are the sum of the velocities that a loop integrates, by Pinocchio's integration of q.
 """
@@ -34,14 +34,14 @@ def leading(level: str) -> tuple[hqp.Controller, Posture]:
 
 
 def turns(robot: hqp.robots.Robot, q: Vec, last: Vec) -> Vec:
-    """Positions of the joints at q, turns included, the nearest to the last ones."""
+    """Positions of the joints at q with turns, nearest to the last ones."""
     at, turning = robot.state(q).angles, robot.continuous
     at[turning] += 2 * np.pi * np.round((last - at)[turning] / (2 * np.pi))
     return at
 
 
 def loop(coupled: Coupled, level: str, start: float, goal: float, ticks: int, restart: int) -> Iterator[Vec]:
-    """Positions with turns after each tick, while j0 is led from start to goal; a new session every ``restart``."""
+    """Positions with turns after each tick, while j0 moves from start to goal; a new session every ``restart``."""
     robot = coupled.robot
     controller, lead = leading(level)
     at = coupled.angles(start)
@@ -51,7 +51,7 @@ def loop(coupled: Coupled, level: str, start: float, goal: float, ticks: int, re
         if k % restart == 0:
             session = controller.session(robot, DT)
         here = start + (goal - start) * min(1.0, k / (0.7 * ticks))
-        aim = here + robot.state(q).angles[column] - at[column]  # as measured: turns of the target do not matter
+        aim = here + robot.state(q).angles[column] - at[column]  # turns of the target cancel
         tick = session.step(robot.state(q, v), lead.at([aim]))
         assert tick.status.usable, tick.notes
         q, v = tick.advance()
@@ -104,7 +104,7 @@ def test_session_file_and_batch_count_the_same_turns(level: str, tmp_path: Path)
     session = controller.session(robot, DT)
     file = LoadedSession(text(session))
     batch = hqp.Batch(controller, robot, 2, DT, threads=1)
-    other = robot.configuration(coupled.angles(-31.0))  # of another world, many turns away
+    other = robot.configuration(coupled.angles(-31.0))  # the other world, many turns away
     q, v = robot.configuration(coupled.angles(17.0)), np.zeros(robot.nv)
     for k in range(300):
         aim = np.array([17.0 + 0.05 * k])
@@ -116,10 +116,10 @@ def test_session_file_and_batch_count_the_same_turns(level: str, tmp_path: Path)
 
 
 class OwnCoupling(JointCoupling):
-    """One of a user's: its readable functions write the rows."""
+    """User coupling: its readable functions write the rows."""
 
     def jacobian(self, state: State) -> Mat:
-        """As the one that it comes from."""
+        """Return the built-in Jacobian."""
         return super().jacobian(state)
 
 
@@ -147,7 +147,7 @@ def test_turns_are_the_fewest_with_the_least_error() -> None:
     for _ in range(200):
         n = int(rng.integers(1, 4))
         sizes, turns = rng.choice([-2.0, -0.5, 0.1, 0.25, 1.0, 3.0], n), rng.integers(-4, 5, n)
-        rest = rng.uniform(-0.1, 0.1)  # less than half of the smallest step of these, 0.05 turns
+        rest = rng.uniform(-0.1, 0.1)  # less than half of their smallest step, 0.05 turns
         found = nearest_turns(rest - 2 * np.pi * float(sizes @ turns), sizes)
         assert abs(abs(2 * np.pi * float(sizes @ (found - turns)) + rest) - abs(rest)) < 1e-6
         assert np.abs(found).sum() <= np.abs(turns).sum()

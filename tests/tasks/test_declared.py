@@ -1,4 +1,4 @@
-"""Elements by their readable functions: subclasses of built-in ones, inequalities of a user, and what `check` says."""
+"""Elements by their readable functions: subclasses of built-in ones, a user's inequalities, and reports of `check`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def cbi() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Halved(t.Posture):
-    """A row that is no longer a row of the identity."""
+    """Posture with rows other than those of the identity."""
 
     def jacobian(self, state: Any) -> Any:
         return 0.5 * super().jacobian(state)
@@ -37,7 +37,7 @@ class Halved(t.Posture):
 
 @dataclass(frozen=True, kw_only=True)
 class Named(t.Position):
-    """Says nothing of the rows."""
+    """Position that changes only its default name."""
 
     def default_name(self) -> str:
         return f"the {self.frame}"
@@ -45,7 +45,7 @@ class Named(t.Position):
 
 @dataclass(frozen=True, kw_only=True)
 class Ceiling(Inequality):
-    """Two rows: the height of a frame and that of the centre of mass, both between two bounds."""
+    """Two rows: the heights of a frame and of the centre of mass between two bounds."""
 
     frame: str
     low: float
@@ -69,7 +69,7 @@ class Ceiling(Inequality):
         return (self.frame, "com")
 
 
-# what stands in for native operations ---------------------------------------------------------------------------------
+# redefined functions replace native operations ------------------------------------------------------------------------
 
 
 def test_a_redefined_jacobian_is_the_one_that_is_solved(cbi: Any) -> None:
@@ -149,12 +149,12 @@ def test_a_law_approaches_a_bound(cbi: Any) -> None:
         rows = Assembly([element], [], cbi, 0.002, {"ceiling": law})
         rows.fill(state, {"ceiling": hqp.Reference("ceiling")}, ())
         np.testing.assert_allclose(rows.upper, expected, atol=1e-12)
-        np.testing.assert_array_equal(rows.lower, np.full(2, -law.max_velocity))  # no bound below, but a speed limit
+        np.testing.assert_array_equal(rows.lower, np.full(2, -law.max_velocity))  # no lower bound, but a speed limit
 
 
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 def test_a_bound_is_kept_in_the_loop(cbi: Any, formulation: Any) -> None:
-    """The hand is sent above the ceiling: it comes as near as the law allows and never passes."""
+    """The hand is sent above the ceiling: it approaches as the law allows and never passes."""
     hand = t.Position(frame="r_palm")
     start = cbi.state().position("r_palm")
     ceiling = Ceiling(frame="r_palm", low=-np.inf, high=start[2] + 0.03, name="ceiling")
@@ -196,7 +196,7 @@ def test_check_finds_nothing_wrong_with_the_library(cbi: Any, name: str) -> None
 
 
 def broken(**functions: Any) -> Task:
-    """A Position whose functions are wrapped: each gets (task, state, right answer)."""
+    """A Position with wrapped functions: each gets (task, state, right answer)."""
 
     def wrapped(name: str, wrap: Any) -> Any:
         return lambda self, *given: wrap(self, given[0], getattr(t.Position, name)(self, *given))
@@ -273,7 +273,7 @@ BAD = (
 @pytest.mark.parametrize("name", [name for name, cls in REGISTRY.items() if cls.__module__.startswith("hqp.tasks")])
 @pytest.mark.filterwarnings("ignore")
 def test_whatever_is_given_the_error_is_ours(cbi: Any, name: str) -> None:
-    """Each field with each bad value: taken, or refused where it is declared or counts its rows on a robot."""
+    """Each field with each bad value: accepted, or refused by the declaration or the row count on a robot."""
     hand, sole = "r_palm", "l_sole"
     some: dict[str, Any] = {
         "frame": hand, "contact": sole, "wheel": "r_palm", "other": "pelvis", "task": t.Position(frame=hand), "mu": 0.5,
@@ -330,6 +330,6 @@ def test_whatever_a_reference_is_given_the_error_is_ours(element: Any) -> None:
                 except HqpError:
                     refused += 1
                 except TypeError as error:
-                    others.add(str(error).partition("argument")[1])  # it takes none of that name
+                    others.add(str(error).partition("argument")[1])  # no argument of that name
     assert refused > 10
     assert others <= {"argument"}

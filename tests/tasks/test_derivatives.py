@@ -18,7 +18,7 @@ from hqp.declare.element import REGISTRY, Element, Task
 from hqp.declare.robot import Robot, State
 from hqp.tasks.collision_scene import scene
 
-# frames and joints that stand for the generic ones of an example, by robot
+# frames and joints of each robot for the placeholders of an example
 NAMES = {
     "cbi": {"f": "r_palm", "o": "pelvis", "a": "R_SAA", "b": "B_TR", "c": "L_KFE"},
     "panda": {"f": "panda_hand", "o": "panda_link2", "a": "panda_joint2", "b": "panda_joint1", "c": "panda_joint5"},
@@ -26,7 +26,7 @@ NAMES = {
 
 
 def examples(n: dict[str, str]) -> dict[str, list[Element]]:
-    """Examples of every class that has motion rows, by class name."""
+    """Examples by class name of every class with motion rows."""
     f, o, a, b, c = n["f"], n["o"], n["a"], n["b"], n["c"]
     return {
         "Position": [
@@ -149,10 +149,10 @@ NOWHERE = (
     t.PrescribedMotion,
     t.FrameVelocityLimits,
 )
-"""Elements on velocities that are no rate of anything: see test_motion.py."""
+"""Elements on velocities without an integral: see test_motion.py."""
 
 
-# Forces and efforts are no functions of the configuration: there is nothing to differentiate.
+# Forces and efforts do not depend on the configuration: nothing to differentiate.
 CLASSES = sorted(
     name
     for name, cls in REGISTRY.items()
@@ -174,7 +174,7 @@ def robots() -> dict[str, Robot]:
 
 
 def followed(element: Element, state: State) -> Callable[[State], Vec]:
-    """What moves with J v near ``state``, and is zero there."""
+    """Function with derivative J v at ``state`` and value zero there."""
     if isinstance(element, t.JointLimits):
         picked, start = element.selection(state.robot), state.angles.copy()
         return lambda s: (s.angles - start)[picked]
@@ -204,7 +204,7 @@ def followed(element: Element, state: State) -> Callable[[State], Vec]:
 
 
 def distances(element: t.CollisionAvoidance, state: State) -> Callable[[State], Vec]:
-    """How far the pairs that have the rows at ``state`` have come apart; zero for free rows."""
+    """Change of distance of the pairs with rows at ``state``; zero for free rows."""
     near, own, poses = element.near(state), scene(element, state.robot), element.poses()
 
     def measure(s: State) -> Vec:
@@ -221,7 +221,7 @@ def distances(element: t.CollisionAvoidance, state: State) -> Callable[[State], 
 
 
 def contact_point(element: Any, state: State) -> Callable[[State], Vec]:
-    """How far the wheel's material point that touches flat ground has moved, along the directions of the rows."""
+    """Displacement of the wheel's material contact point on flat ground, along the directions of the rows."""
     radius, axle = element.geometry(state.robot)
     p, R = state.position(element.wheel), state.rotation(element.wheel)
     delta = np.array([0.0, 0.0, -radius])
@@ -272,7 +272,7 @@ def _check_drift(
 
 
 def test_examples_survive_a_file() -> None:
-    """Every example, in a stack of its own, comes back from TOML as it was."""
+    """Write each example in its own stack to TOML and read an equal one."""
     for elements in examples(NAMES["cbi"]).values():
         for element in elements:
             stack = Stack(Level(element))

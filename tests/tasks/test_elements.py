@@ -1,4 +1,4 @@
-"""What the elements mean: values, masks, wrapping, relative motion, ranks, and what they refuse."""
+"""Elements: values, masks, wrapping, relative motion, ranks, and refused arguments."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def test_orientations_given_either_way(state: Any, written: Written) -> None:
 
 @pytest.mark.parametrize("length", [1e-3, 0.99, 1.0, 1.0 + 5e-4, 1.01, 2.0])
 def test_a_target_that_is_normalised_is_noted(length: float) -> None:
-    """Whatever way the quaternion comes; the command is that of the quaternion of length one."""
+    """In each way of passing the quaternion, the command is that of the normalised quaternion."""
     turned = np.array([0.1, -0.2, 0.05, 0.97])
     turned /= np.linalg.norm(turned)
     cbi = hqp.robots.load("cbi", floating=False)
@@ -282,7 +282,7 @@ def test_a_heading_turns_with_yaw_alone(cbi: Any) -> None:
 
 
 def test_an_edge_is_two_of_its_points(cbi: Any, state: Any) -> None:
-    """Same row space as the two points' six rows, rank 5 (Mistry 2008, condition 3)."""
+    """Same row space as the six rows of the two points, rank 5 (Mistry 2008, condition 3)."""
     state.kinematics()
     edge = t.EdgeContact(frame="l_sole", axis=(1.0, 2.0, 0.0)).jacobian(state)
     points = [t.Position(frame="l_sole", offset=(a, 2 * a, 0.0)).jacobian(state) for a in (0.0, 0.1)]  # type: ignore[arg-type]
@@ -316,7 +316,7 @@ CONSTRAINTS: list[Any] = [
 @pytest.mark.parametrize("constraint", CONSTRAINTS, ids=lambda c: type(c).__name__)
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 def test_every_constraint_binds_in_subject_to_and_in_a_level(cbi: Any, constraint: Any, formulation: Any) -> None:
-    """A first level of priority does what a constraint does; feedback brings the hand as near as the rest allows."""
+    """A first level of priority acts like a constraint; feedback brings the hand as near as the rest allows."""
     assert isinstance(constraint, Constraint)
     hand = t.Position(frame="r_palm")
     answers = []

@@ -1,4 +1,4 @@
-"""Rows on contact forces: conservative, and exact where they say so."""
+"""Rows on contact forces: conservative, and exact if documented as exact."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ def test_torsion() -> None:
 
 
 def wrench_at(point: Vec, normal_force: float) -> Vec:
-    """A vertical force through a point of the sole."""
+    """Wrench of a vertical force through a point of the sole."""
     return np.concatenate(([0.0, 0.0, normal_force], np.cross([*point, 0.0], [0.0, 0.0, normal_force])))
 
 
 def test_a_sole_turns_as_forces_in_its_corners_allow() -> None:
-    """The bounds of m_z are those of a linear programme over forces in the four corners, each inside its square."""
+    """The bounds of m_z equal a linear programme over forces in the four corners, each inside its square."""
     x, X, y, Y = sole = (-0.05, 0.12, -0.03, 0.045)
     cone = FrictionCone(contact="foot", mu=0.5, sole=sole)
     C = cone.force_rows(6)[0][8:]
@@ -91,7 +91,7 @@ def test_a_sole_turns_as_forces_in_its_corners_allow() -> None:
 @pytest.mark.parametrize("polygon", [TRAPEZE, TRAPEZE[:3]])
 @pytest.mark.parametrize("first", [True, False])
 def test_the_sole_of_a_centre_of_pressure_bounds_the_yaw_moment(polygon: Any, first: bool) -> None:
-    """Inside the polygon: no more yaw moment than forces in its corners give (an LP); inf leaves it free."""
+    """Inside the polygon the yaw moment is bounded by forces in its corners (an LP); inf leaves it free."""
     feet = tuple(FixedContact(frame=frame, name=frame) for frame in ("left_sole_link", "right_sole_link"))
     press = CenterOfPressure(contact=feet[0].name, polygon=polygon)
     cones = [FrictionCone(contact=foot.name, mu=0.5) for foot in feet]
@@ -147,7 +147,7 @@ def test_rectangle_is_the_polygon_of_its_corners() -> None:
 
 
 def test_rows_are_forces() -> None:
-    """A newton of violation is a newton in every row: a moment counts by the lever of the sole, or of the torsion."""
+    """A violation of one newton is one in every row: moments count by the lever of the sole, or of the torsion."""
     for size in (0.1, 1.0, 10.0):
         box = (-0.2 * size, 0.2 * size, -0.1 * size, 0.1 * size)
         C, _, _ = CenterOfPressure(contact="foot", rectangle=box).force_rows(6)

@@ -1,4 +1,4 @@
-"""The box of the joint limits: never empty, never leads out, comes back from outside; motors' limits."""
+"""The box of the joint limits: never empty, never leads out, returns from outside; limits of motors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hqp.tasks.limits import APPROACH
 
 
 def robot_of(low: Any, high: Any, speed: Any) -> Any:
-    """As much of a robot as limits need: independent joints."""
+    """Minimal robot for limits: independent joints."""
     k = len(low)
     return SimpleNamespace(
         name="joints",
@@ -61,20 +61,20 @@ SCENES = st.fixed_dictionaries(
 
 
 def controls(rng: np.random.Generator, k: int, steps: int) -> Any:
-    """Positions inside the box, 0 to 1: held at an end for a while, or random; ends are what break limits."""
+    """Positions inside the box, 0 to 1: held at an end for a while, or random; the ends test the limits most."""
     held = rng.choice([0.0, 1.0], size=(steps // 20 + 1, k)).repeat(20, axis=0)[:steps]
     return np.where(rng.random((1, k)) < 0.7, held, rng.random((steps, k)))
 
 
 def share(rng: np.random.Generator, k: int) -> Any:
-    """All of what was drawn for the first of k joints, half of it or more for the others."""
+    """The drawn value for the first of k joints, half of it or more for the others."""
     return np.concatenate(([1.0], rng.uniform(0.5, 1.0, k - 1)))
 
 
 @settings(max_examples=40)
 @given(SCENES)
 def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> None:
-    """Joints with ranges and speeds of their own, up to those drawn."""
+    """Each joint has its own range and speed, up to the drawn ones."""
     rng, k, dt, a = np.random.default_rng(scene["seed"]), 24, scene["dt"], scene["acceleration"]
     b = min(a or math.inf, scene["braking"] or math.inf)
     high, speed = np.maximum(0.5 * scene["span"] * share(rng, k), 0.025), scene["speed"] * share(rng, k)
@@ -84,7 +84,7 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
     low, high = low + scene["margin"], high - scene["margin"]
     q = rng.uniform(low, high)
     up = rng.random(k) < 0.5
-    way = np.where(up, high - q, q - low)  # viable: on the braking curve, as if an acceleration could be any
+    way = np.where(up, high - q, q - low)  # viable: on the braking curve, for any acceleration
     T, most = max(dt, 1.0 / APPROACH), min(b, 1e3)
     v = np.where(up, 1.0, -1.0) * np.minimum(most * (np.sqrt(T * T + 2.0 * way / most) - T), speed)
     for control in controls(rng, k, 400):
@@ -119,7 +119,7 @@ def test_from_outside_joints_come_back_at_bounded_speed(scene: dict[str, Any], b
     for _ in range(int(settled / dt) + 20):
         lower, upper = bounds(q, v)
         assert np.all(lower <= upper)
-        u = np.clip(0.0, lower, upper)  # as slow as the box allows
+        u = np.clip(0.0, lower, upper)  # the slowest velocity in the box
         assert np.all(np.abs(u) <= back + 1e-12)
         assert np.all((np.abs(v) - np.abs(u)) <= b * dt + 1e-12), "it comes to rest harder than the curve says"
         q, v = q + dt * u, u
@@ -135,7 +135,7 @@ def test_box_by_hand() -> None:
         [0.0, 0.995, 1.1, -1.0], [1.0, 1.0, 1.0, 0.0]
     )
     viable = 10.0 * (math.sqrt(1e-4 + 2 * 0.005 / 10.0) - 0.01)
-    # second joint: too fast to stop in time, so the end of the window nearest to the box; third: the same, outside
+    # second joint: too fast to stop in time, so the end of the window nearest to the box; third: also outside
     np.testing.assert_allclose(upper, [1.1, max(viable, 0.9), 0.9, 0.1], atol=1e-12)
     np.testing.assert_allclose(lower, [0.9, 0.9, 0.9, 0.0], atol=1e-12)
     assert viable < 0.9
@@ -154,7 +154,7 @@ def test_box_by_hand() -> None:
 
 @pytest.mark.parametrize(("formulation", "most"), [(hqp.Acceleration(), 4.0), (hqp.Torque(), 2.0)])
 def test_noise_at_a_limit_moves_the_command_a_little(formulation: Formulation, most: float) -> None:
-    """Encoder noise of 0.1 mrad, a joint held against its limit: a curve as steep as sqrt(d) asks for 50 rad/s^2."""
+    """Encoder noise of 0.1 mrad on a joint at its limit: a curve as steep as sqrt(d) would demand 50 rad/s^2."""
     robot, rng = hqp.robots.load("panda"), np.random.default_rng(0)
     posture = Posture(law=PD(25.0, 10.0))
     session = hqp.Controller(Stack(Level(posture), subject_to=[JointLimits()]), formulation, deadline=math.inf)
@@ -173,7 +173,7 @@ def test_noise_at_a_limit_moves_the_command_a_little(formulation: Formulation, m
 
 
 def test_braking_from_top_speed_sets_in_gradually() -> None:
-    """A bound that turns to braking where the curve comes below the top speed changes by b = 5 in one tick."""
+    """Without a gradual bound, the change to braking on the curve is b = 5 rad/s^2 in one tick."""
     robot = hqp.robots.load("panda")
     posture = Posture(law=PD(100.0, 20.0))
     stack = Stack(Level(posture), subject_to=[JointLimits()])
@@ -194,7 +194,7 @@ def test_braking_from_top_speed_sets_in_gradually() -> None:
 
 
 def test_defaults_follow_the_robot() -> None:
-    """50 and 5 rad/s^2, less where the motor is weaker than that or the joint slow; other numbers are taken."""
+    """50 and 5 rad/s^2, less for a weak motor or a slow joint; explicit numbers are kept."""
     robot = hqp.robots.load("talos")
     picked = JointLimits().selection(robot)
     inertia = np.diag(robot.state(robot.home).mass_matrix())[picked]
@@ -210,7 +210,7 @@ def test_defaults_follow_the_robot() -> None:
     a, b = JointLimits(acceleration=None, braking=0).rates(robot)
     assert np.all(np.isinf(a))
     assert np.all(np.isinf(b))
-    assert JointLimits(acceleration=None) == JointLimits(acceleration=0.0)  # what a file can say
+    assert JointLimits(acceleration=None) == JointLimits(acceleration=0.0)  # the notation of files
 
 
 def test_unlimited_joints_are_free() -> None:
@@ -221,7 +221,7 @@ def test_unlimited_joints_are_free() -> None:
 
 
 def test_the_window_stands_around_the_last_command() -> None:
-    """At velocity level a measured velocity lags or is not told at all: the command does not depend on it."""
+    """At velocity level a measured velocity lags or is missing: the command does not depend on it."""
     robot = hqp.robots.load("panda")
     hand = Position(frame="panda_hand_tcp", law=P(5.0))
     stack = Stack(Level(hand), Level(Posture(law=P(1.0))), subject_to=[JointLimits()])

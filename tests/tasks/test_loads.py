@@ -1,4 +1,4 @@
-"""Known loads: the dynamics, the forces of contacts, gravity compensation, rest and explain all see them."""
+"""Known loads enter dynamics, contact forces, gravity compensation, rest and explain."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_centres_of_mass_and_momenta_are_those_of_the_heavier_robot(
 
 @pytest.mark.parametrize("native", [True, False])
 def test_balance_sees_a_payload(robots: dict[str, Any], native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Com, SupportPolygon and Momentum ask for the same torques as on the robot with the mass in its model."""
+    """Com, SupportPolygon and Momentum need the same torques as on the robot with the mass in its model."""
     robot, frame, mass, com = robots["cbi"], "r_palm", 3.0, (0.1, -0.05, 0.2)
     if not native:
         monkeypatch.setattr(hqp.programs.assembly, "native", None)
@@ -107,7 +107,7 @@ def test_balance_sees_a_payload(robots: dict[str, Any], native: bool, monkeypatc
     for k in range(3):
         q, v = robot.integrate(robot.home, rng.uniform(-0.1, 0.1, robot.nv), 1.0), rng.normal(size=robot.nv) * 0.3
         if k == 0:
-            q, v = robot.home, np.zeros(robot.nv)  # hold values: the posture's
+            q, v = robot.home, np.zeros(robot.nv)  # hold values for the posture
         here, there = ((robot.state(q, v),), (twin.state(q, v),)) if native else ((q, v), (q, v))
         x = a.step(*here, goal, reach, load.at(mass, com))
         y = b.step(*there, goal, reach)
@@ -120,7 +120,7 @@ def test_balance_sees_a_payload(robots: dict[str, Any], native: bool, monkeypatc
 
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 def test_balance_sees_a_payload_where_forces_do_not_count(robots: dict[str, Any], formulation: Any) -> None:
-    """The centre of mass with the load comes to its goal and stays; a NaN mass is told and the declared one taken."""
+    """The centre of mass with the load reaches its goal and stays; a NaN mass gets a note, the declared one is used."""
     robot, frame, com = robots["cbi"], "r_palm", np.array([0.1, 0.0, 0.0])
     load, centre = t.Payload(frame=frame), t.Com(axes="xy")
     stack = Stack(Level(centre), Level(t.Posture()), subject_to=[*feet(robot), t.JointLimits(), load])
@@ -146,7 +146,7 @@ def test_balance_sees_a_payload_where_forces_do_not_count(robots: dict[str, Any]
 @pytest.mark.parametrize("local", [False, True])
 @pytest.mark.parametrize(("name", "frame"), [("cbi", "r_palm"), ("panda", "panda_hand")])
 def test_a_wrench_is_one_of_pinocchio(robots: dict[str, Any], name: str, frame: str, local: bool) -> None:
-    """tau, the contacts' forces and the wrench together cause the acceleration that the program tells."""
+    """tau, the contact forces and the wrench together give the program's acceleration."""
     robot = robots[name]
     wrench = t.ExternalWrench(frame=frame, local=local)
     hand = t.Position(frame=frame, name="hand")
@@ -169,7 +169,7 @@ def test_a_wrench_is_one_of_pinocchio(robots: dict[str, Any], name: str, frame: 
 
 
 def test_the_ground_bears_it(robots: dict[str, Any]) -> None:
-    """At rest the feet carry the weight, the payload, and what a wrench presses down."""
+    """At rest the feet bear the weight, the payload, and the downward part of the wrench."""
     robot = robots["cbi"]
     load, wrench = t.Payload(frame="r_palm", mass=4.0), t.ExternalWrench(frame="l_palm")
     stack = Stack(Level(t.Posture()), subject_to=[*feet(robot), load, wrench])
@@ -186,14 +186,14 @@ def test_the_ground_bears_it(robots: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("told", [False, True])
 def test_a_hand_lifts_what_it_carries(robots: dict[str, Any], told: bool) -> None:
-    """Panda with 3 kg in its hand: at the goal when it is declared, centimetres below when not."""
+    """Panda with 3 kg in its hand: at the goal with a declared load, centimetres below without."""
     robot, frame = robots["panda"], "panda_hand"
     plant = heavier(robot, frame, 3.0, (0.0, 0.0, 0.1))
     load = t.Payload(frame=frame)
     hand = t.Position(frame=frame, name="hand")
     posture = t.Posture(law=PD(25.0))
     stack = Stack(Level(hand), Level(posture), subject_to=[load])
-    free = hqp.Torque(loop_law=PD(0.0, 0.0))  # no part of the plant couples the fingers
+    free = hqp.Torque(loop_law=PD(0.0, 0.0))  # the plant does not couple the fingers
     session = hqp.Controller(stack, free, deadline=math.inf).session(robot, DT)
     q, v = robot.home, np.zeros(robot.nv)
     goal = robot.state().position(frame) + [0.0, 0.1, 0.1]
@@ -210,7 +210,7 @@ def test_a_hand_lifts_what_it_carries(robots: dict[str, Any], told: bool) -> Non
 
 
 def test_at_rest_the_load_is_held(robots: dict[str, Any]) -> None:
-    """No usable state: the holding torque is that of the robot with the payload."""
+    """Without a usable state, the holding torque is that of the robot with the payload."""
     robot, frame = robots["panda"], "panda_hand"
     load = t.Payload(frame=frame)
     found = []

@@ -1,4 +1,4 @@
-"""Elements on velocities: what their rows are, and what they do in a loop."""
+"""Elements on velocities: their rows, and their effect in a loop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_momentum_is_that_of_pinocchio(cbi: Any) -> None:
 
 
 def test_what_else_was_asked_for_stays_right(cbi: Any) -> None:
-    """Momentum and the rate of inertia share arrays of Pinocchio with other quantities."""
+    """Momentum and the rate of inertia share Pinocchio's arrays with other quantities."""
     rng = np.random.default_rng(2)
     q, v = cbi.random_configuration(rng), rng.normal(size=cbi.nv)
 
@@ -72,7 +72,7 @@ def test_kinetic_energy_is_what_damping_sees(cbi: Any) -> None:
 
 
 def test_angular_momentum_is_kept_at_zero(cbi: Any) -> None:
-    """A fast swing of an arm in the air: without the task the body's momentum is what the arm makes it."""
+    """Swing an arm fast in the air: without the task the body's momentum follows the arm."""
     hand = t.Position(frame="r_palm", relative_to="pelvis", law=P(5.0))
     goal = cbi.state().position("r_palm") - cbi.state().position("pelvis") + [0.1, 0.1, 0.2]
     found = []
@@ -89,7 +89,7 @@ def test_angular_momentum_is_kept_at_zero(cbi: Any) -> None:
 
 
 def test_low_acceleration_goes_on_as_it_was(cbi: Any) -> None:
-    """x is the velocity sent last; where x is an acceleration it is zero."""
+    """x is the last commanded velocity; as an acceleration x is zero."""
     stack = Stack(Level(t.LowAcceleration()))
     session = hqp.Controller(stack, solver="nullspace").session(cbi, 0.002)
     v = np.random.default_rng(4).normal(size=cbi.nv)
@@ -143,7 +143,7 @@ def test_what_is_refused(cbi: Any) -> None:
 
 
 def test_low_acceleration_of_a_whole_floating_robot_in_the_native_loop() -> None:
-    """A hold value of nv zeros was written over the heap: there is no place for one."""
+    """Once nv zeros of a hold value were written over the heap: no place was reserved for them."""
     robot = hqp.robots.load("cbi")
     session = hqp.Controller(hqp.Stack(hqp.Level(t.LowAcceleration()))).session(robot, 0.002)
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""Bounds that move with a velocity that is told: their rate is exact, and they are not passed."""
+"""Bounds that move with a given velocity: their rate is exact, and they are kept."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def panda() -> Any:
 
 
 def moving(what: str, home: Any, told: bool = True) -> Callable[[float], Reference]:
-    """The reference at a time: it swings by 0.2 m or rad, a box by a quarter of that."""
+    """The reference over time: it oscillates by 0.2 m or rad, a box by a quarter of that."""
     p, R = home.position(FRAME).copy(), home.rotation(FRAME).copy()
     u = R @ AXIS
     side = np.cross(u, [0.0, 1.0, 0.0])
@@ -66,7 +66,7 @@ def moving(what: str, home: Any, told: bool = True) -> Callable[[float], Referen
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("what", BOUNDED)
 def test_rate_and_drift_are_those_of_the_way_left(panda: Any, what: str, far: bool) -> None:
-    """By differences along a motion of robot and reference, inside and well outside."""
+    """Compare with differences along a motion of robot and reference, inside and well outside."""
     bounded: Any = BOUNDED[what]
     rng = np.random.default_rng(5)
     reference, v = moving(what, panda.state()), rng.normal(size=panda.nv)
@@ -90,7 +90,7 @@ def test_rate_and_drift_are_those_of_the_way_left(panda: Any, what: str, far: bo
 @pytest.mark.parametrize("kind", ["velocity", pytest.param("acceleration", marks=pytest.mark.slow), "torque"])
 @pytest.mark.parametrize("what", ["box", "turn", "cone", "gaze"])
 def test_they_are_not_passed(panda: Any, what: str, kind: str) -> None:
-    """The hand is carried along by its bounds; passed by more than 10 mm or 40 mrad where their velocity is unknown."""
+    """The bounds carry the hand along; without their velocity it passes them by more than 10 mm or 40 mrad."""
     worst = {}
     for told in (False, True):
         bounded: Any = BOUNDED[what]
@@ -116,7 +116,7 @@ def test_they_are_not_passed(panda: Any, what: str, kind: str) -> None:
 @pytest.mark.parametrize("what", [*BOUNDED, "ball"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_velocity_that_is_no_number_is_told(panda: Any, what: str, kind: str, bad: float) -> None:
-    """The reference is not taken, and the tick says so; a ball of the world moves too."""
+    """Ignore the reference with a note; a ball of the world moves as well."""
     bounded: Any = BOUNDED.get(what)
     if bounded is None:
         ball = hqp.shapes.sphere("ball", 0.05, tuple((panda.state().position(FRAME) + [0.15, 0.0, 0.0]).tolist()))

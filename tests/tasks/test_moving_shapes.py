@@ -1,4 +1,4 @@
-"""Shapes of the world that move: the rate of a distance and its change count their motion, and a hand gives way."""
+"""Moving shapes of the world: rate and drift of a distance include their motion, and a hand gives way."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_rates_and_drifts_by_differences(panda: Any) -> None:
         for pair in before.keys() & after.keys() & rate.keys():
             assert (after[pair] - before[pair]) / (2 * h) == pytest.approx(rate[pair], abs=1e-3)
             change = (fast[pair] - slow[pair]) / (2 * h)
-            if abs(change) < 100.0:  # not where the nearest point jumps
+            if abs(change) < 100.0:  # skip jumps of the nearest point
                 assert drift[pair] == pytest.approx(change, abs=1e-2, rel=1e-2)
                 compared += 1
     assert compared > 50
@@ -122,7 +122,7 @@ def from_ball(state: Any, centre: Any, radius: float) -> float:
 
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 def test_a_hand_gives_way_to_a_ball(panda: Any, formulation: Any) -> None:
-    """At 0.3 m/s through where the hand wants to be: not touched when told of the velocity, touched when not."""
+    """A ball crosses the hand's target at 0.3 m/s: no contact with its velocity given, contact without."""
     frame, dt, least = "panda_hand_tcp", 0.002, {}
     order = 1 if isinstance(formulation, hqp.Velocity) else 2
     place = panda.state().position(frame)
@@ -162,7 +162,7 @@ def block(tmp_path: Path) -> Any:
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_moving_mesh_has_the_rows_of_the_box_that_it_is(panda: Any, block: Any, order: int, written: Any) -> None:
-    """J and the bounds with the motion of the world in them, drift included; coal's distances are exact to 1e-6."""
+    """J and the bounds with the motion of the world, drift included; coal's distances are exact to 1e-6."""
     mesh, box = (CollisionAvoidance(pairs="world", world=shape, influence=0.6) for shape in block)
     rng, compared = np.random.default_rng(4), 0
     for _ in range(12):

@@ -1,4 +1,4 @@
-"""Every native operation writes what the readable functions of its element say."""
+"""Every native operation matches the readable functions of its element."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(hqp.programs.assembly.native is None, reason="no
 
 CASES = [(robot, name) for robot in ("cbi", "panda", "dreamer", "tiago") for name in CLASSES]
 PLANLESS: set[str] = set()
-"""Classes with rows on motion that have no native operation, and may do without."""
+"""Classes with motion rows that need no native operation."""
 OTHER = {
     "dreamer": {"f": "hand", "o": "base", "a": "torso_yaw", "b": "torso_hip", "c": "torso_thorax"},
     "tiago": {
@@ -47,7 +47,7 @@ def robots() -> dict[str, Any]:
 
 
 def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.MonkeyPatch) -> tuple[Assembly, ...]:
-    """One that runs natively and one that does not."""
+    """One native assembly and one in Python."""
     free, bound = (P(3.0), P(3.0, max_velocity=0.8, max_acceleration=2.0))
     if order == 2:
         free, bound = PD(9.0, 5.0), PD(9.0, 5.0, max_velocity=0.5, max_acceleration=4.0)
@@ -64,7 +64,7 @@ def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.
 
 
 def reference(element: Element, robot: Robot, rng: np.random.Generator, m: int) -> Reference:
-    """A goal somewhere else, with feedforward, and a ground that is not level for a wheel."""
+    """A distant goal with feedforward, and sloped ground for a wheel."""
     hold = element.hold(robot.state(robot.random_configuration(rng)))
     extra = {"velocity": rng.normal(size=m), "acceleration": rng.normal(size=m)}
     if isinstance(element, (t.OmniWheelContact, t.WheelContact)):
@@ -77,7 +77,7 @@ def reference(element: Element, robot: Robot, rng: np.random.Generator, m: int) 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Fence(Inequality):
-    """An inequality of a user's, which a law makes of the way left; one side has no bound."""
+    """User inequality with a law on the distance; one side has no bound."""
 
     def rows(self, robot: Any) -> int:
         return 2
@@ -97,7 +97,7 @@ class Fence(Inequality):
 def test_laws_of_a_users_inequality_are_the_readable_ones(
     robots: dict[str, Any], order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each row by itself within max_velocity and max_acceleration, near its bound and far; between two laws, too."""
+    """Each row within max_velocity and max_acceleration, near its bound and far; also between two laws."""
     robot, rng, dt = robots["cbi"], np.random.default_rng(0), 0.002
     task = t.Position(frame="r_palm")
     elements: list[Element] = [Fence(name="a"), Fence(name="b", weight=2.5), task]
@@ -123,7 +123,7 @@ def test_laws_of_a_users_inequality_are_the_readable_ones(
                 one.fill(state, {e.name: e.hold(state) for e in elements} | {task.name: goal}, ())
             for what in ("lower", "upper"):
                 after, other = (getattr(one, what) for one in pair)
-                with np.errstate(invalid="ignore"):  # one of them knows no bound
+                with np.errstate(invalid="ignore"):  # one of them has no bound
                     blend = np.where(np.isfinite(other - after), after + share * (other - after), after)
                 _check(getattr(rows, what), blend, what)
             found.append(rows.upper.copy())
@@ -136,7 +136,7 @@ def test_laws_of_a_users_inequality_are_the_readable_ones(
 def test_native_rows_equal_readable_rows(
     robots: dict[str, Any], robot_name: str, name: str, order: int, draws: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In every way to steer, inside of limits and outside."""
+    """Every way to steer, inside limits and outside."""
     robot, rng = robots[robot_name], np.random.default_rng(3)
     if name == "BaseVelocityLimits" and not robot.floating:
         pytest.skip("no free base")
@@ -155,7 +155,7 @@ def test_native_rows_equal_readable_rows(
             if k == 0 or rng.uniform() < 0.5:
                 given[element.name] = reference(element, robot, rng, counts[element.name])
         q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
-        if k % 5 == 4 and "Limits" in name:  # some joints outside of them
+        if k % 5 == 4 and "Limits" in name:  # some joints outside their limits
             q = robot.integrate(q, rng.normal(size=robot.nv), 1.0)
         state = robot.state(q, v)
         taken = given
@@ -189,7 +189,7 @@ def _check(x: Mat | Vec, y: Mat | Vec, what: str) -> None:
 def test_a_wheel_keeps_its_distance_when_the_ground_tilts(
     robots: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rolling far with normals that change, as the same reference object does or a new one of the same value."""
+    """Roll far with changing normals, as one reference object or as new ones of equal value."""
     robot, rng = robots["dreamer"], np.random.default_rng(4)
     wheels: list[Any] = [t.OmniWheelContact(wheel=w) for w in robot.wheels]
     wheels.append(t.WheelContact(wheel=next(iter(robot.wheels)), name="ordinary"))
@@ -207,12 +207,12 @@ def test_a_wheel_keeps_its_distance_when_the_ground_tilts(
             one.fill(state, given, ())
         for what in ("J", "error", "drift", "lower", "upper"):
             _check(getattr(fast, what), getattr(slow, what), what)
-    assert np.abs(fast.error).max() > 0.1  # there was something to carry on
+    assert np.abs(fast.error).max() > 0.1  # there is an error to carry over
 
 
 @pytest.mark.parametrize("native", [True, False], ids=["native", "readable"])
 def test_a_normal_of_nan_does_not_stay(robots: dict[str, Any], native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tick after it is as if it had not been."""
+    """The next tick ignores it."""
     robot = robots["dreamer"]
     wheel = t.OmniWheelContact(wheel=next(iter(robot.wheels)))
     rows = assemblies([wheel], robot, 2, monkeypatch)[0 if native else 1]
@@ -277,7 +277,7 @@ def test_native_problems_equal_readable_problems(formulation: Any, monkeypatch: 
 
 
 def test_errors_are_exact_near_half_a_turn() -> None:
-    """A rotation by almost pi about any axis is where rotation vectors are lost first."""
+    """Rotation vectors lose accuracy first at rotations by almost pi, about any axis."""
     robot = hqp.robots.load("cbi")
     task = t.Orientation(frame="pelvis", law=P(1.0))
     session = hqp.Controller(Stack(Level(task)), solver="nullspace").session(robot, 0.002)

@@ -18,15 +18,15 @@ from hqp.tasks import Admittance, JointLimits, Orientation, Position, Posture, W
 DT, FRAME, FORCE = 0.002, "tool0", 20.0
 START = np.array([0.0, -1.3, 1.7, -1.97, -1.57, 0.0])
 DAMPING = 2000.0
-"""Of the admittance [N s/m]: table and servos give 15 kN/m, so the force comes to its own within 0.13 s."""
+"""Damping of the admittance [N s/m]: table and servos give 15 kN/m, so the force settles within 0.13 s."""
 
 BELOW, LOWEST = 0.02, 0.04
-"""The table below the flange, and how far down that may go [m]."""
+"""Distance of the table below the flange, and of the lowest allowed flange position [m]."""
 
 
 @dataclass
 class Press:
-    """What the table bore, what the flange did and what was commanded."""
+    """Records of the table's load, the flange's motion and the commands."""
 
     there: bool = True
     observed: bool = False
@@ -88,7 +88,7 @@ class Press:
 
 @pytest.mark.parametrize(("observed", "off", "jump"), [(False, 0.5, 0.03), (True, 1.5, 0.03)])
 def test_it_comes_to_bear_what_is_asked_without_a_bounce(observed: bool, off: float, jump: float) -> None:
-    """By a sensor with 0.3 N of noise, and by what the motors feel; from the air onto a hard table."""
+    """Use a sensor with 0.3 N of noise, or the motor torques; start in the air above a hard table."""
     press = Press(observed=observed)
     press.go(1.0, bears=0.0)  # servos sag under the arm's weight
     assert max(press.loads) == 0.0
@@ -103,7 +103,7 @@ def test_it_comes_to_bear_what_is_asked_without_a_bounce(observed: bool, off: fl
 
 
 def test_without_a_table_it_stops_where_it_may_go_no_further() -> None:
-    """It goes down at f_ref / D, and rests at the bound."""
+    """It descends at f_ref / D and rests at the bound."""
     press = Press(there=False)
     press.go(1.0, bears=0.0)
     sag = press.down[-1]

@@ -51,9 +51,9 @@ def test_constraints_and_actuation_have_full_rank(dreamer: Any) -> None:
 
 
 def test_rolling_along_the_axle_leaves_the_wheels_out(dreamer: Any) -> None:
-    """The printed direction, the axle's own: no wheel speed in its rows, and the rank of [J; U] is short."""
+    """With the printed direction, the axle's own, its rows have no wheel speed, and [J; U] loses rank."""
     wheels = []
-    for w in WHEELS:  # an axle turned by 90 degrees about the vertical makes the true one the direction of the row
+    for w in WHEELS:  # rotating an axle by 90 degrees about the vertical makes the true axle the direction of the row
         x, y, _ = dreamer.wheels[w].axle
         wheels.append(OmniWheelContact(wheel=w, axle=(y, -x, 0.0)))
     J = constraints(dreamer, dreamer.home, wheels)
@@ -65,7 +65,7 @@ def test_rolling_along_the_axle_leaves_the_wheels_out(dreamer: Any) -> None:
 
 
 def test_base_rolls_as_the_wheels_turn(dreamer: Any) -> None:
-    """Turning all wheels alike yaws the base at r / (distance of the wheels) times their speed."""
+    """Equal wheel speeds yaw the base at r / (distance of the wheels) times the speed."""
     J = constraints(dreamer, dreamer.home, [OmniWheelContact(wheel=w) for w in WHEELS])
     v = np.zeros(dreamer.nv)
     v[dreamer.joints("wheels")] = 1.0
@@ -76,7 +76,7 @@ def test_base_rolls_as_the_wheels_turn(dreamer: Any) -> None:
 
 @pytest.mark.parametrize("kind", [OmniWheelContact, WheelContact])
 def test_rows_on_any_ground(dreamer: Any, kind: Any, written: Written) -> None:
-    """With any fixed normal: rows are the contact point's velocity, drift is the rate of J v, the native ones agree."""
+    """With any fixed normal, rows are the contact point's velocity, drift is the rate of J v, native rows agree."""
     rng = np.random.default_rng(1)
     element = kind(wheel="wheel_1", radius=0.3, axle=(0.2, 1.0, -0.4))
     for _ in range(5):
@@ -181,7 +181,7 @@ def test_coupling(dreamer: Any, written: Written) -> None:
     v = np.zeros(19)
     v[dreamer.joints("torso_hip")] = 0.3
     state = dreamer.state(dreamer.integrate(dreamer.home, v, 1.0))
-    # what is held is the offset, not where the joints happen to be at the first tick
+    # the offset is held, not the joint angles of the first tick
     assert written(coupling, state, coupling.hold(state)).error[0] == pytest.approx(0.2)
     assert written(coupling, state, coupling.at(0.3)).error[0] == pytest.approx(0.0)
     for bad in ({}, {"a": 0.0}, {"a": np.nan}, [("a", 1.0), ("a", 2.0)], [1.0], {"": 1.0}, None):
@@ -192,7 +192,7 @@ def test_coupling(dreamer: Any, written: Written) -> None:
 
 
 def test_rolling_away_keeps_plane_and_coupling(dreamer: Any) -> None:
-    """2 s at velocity level: the base rolls 0.4 m, wheels stay on the ground, a wrong coupling is put right."""
+    """2 s at velocity level: the base rolls 0.4 m, wheels stay on the ground, a coupling error decays."""
     coupling = JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0})
     base = Position(frame="base", axes="xy", law=P(3.0))
     constraints = [coupling, *(OmniWheelContact(wheel=w) for w in WHEELS)]

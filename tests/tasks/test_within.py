@@ -1,4 +1,4 @@
-"""Bounds on values of tasks: rates kept, from inside and from outside, with calm commands."""
+"""Bounds on values of tasks: bounded rates from inside and from outside, calm commands."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def contacts(robot: Any) -> list[Element]:
 def run(
     robot: Any, stack: Stack, kind: str, references: list[Any], ticks: int, measure: Any
 ) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], Any]:
-    """What was measured each tick, the commands, and the last state."""
+    """Measurements of each tick, the commands, and the last state."""
     session = hqp.Controller(stack, FORMULATIONS[kind], deadline=math.inf).session(robot, DT)
     q, v = robot.home, np.zeros(robot.nv)
     found, commands = [], []
@@ -58,7 +58,7 @@ def frame_of(robot: Any) -> str:
 @pytest.mark.parametrize("kind", FORMULATIONS)
 @pytest.mark.parametrize("name", ["talos", "g1", "panda"])
 def test_a_hand_stays_within_its_box(robots: dict[str, Any], name: str, kind: str) -> None:
-    """The goal lies 20 cm beyond a wall that is 6 cm ahead: the hand stops there, without a jump of the command."""
+    """The goal lies 20 cm behind a wall 6 cm ahead: the hand stops there, without a jump of the command."""
     robot = robots[name]
     frame = frame_of(robot)
     start = robot.state().position(frame)
@@ -70,7 +70,7 @@ def test_a_hand_stays_within_its_box(robots: dict[str, Any], name: str, kind: st
     x, commands, _ = run(robot, stack, kind, [goal], 1000, lambda s: s.position(frame)[0] - start[0])
     assert x.max() < 0.06
     assert x[-1] > 0.0595
-    jump = np.abs(np.diff(commands[1:], axis=0)).max()  # the first command aside
+    jump = np.abs(np.diff(commands[1:], axis=0)).max()  # without the first command
     assert jump < {"velocity": 0.02, "acceleration": 1.5, "torque": 8.0}[kind]  # rad/s, rad/s2, N m
     assert np.diff(x).min() > -1e-7  # it does not bounce
 
@@ -92,7 +92,7 @@ def test_from_outside_it_comes_back_no_faster_than_recovery(robots: dict[str, An
 
 
 OUTSIDE = {"wall": 0.1, "cone": 0.4, "polygon": 0.03}
-"""How far outside the start is [m, rad]."""
+"""Distance of the start from the bound [m, rad]."""
 
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
@@ -101,7 +101,7 @@ OUTSIDE = {"wall": 0.1, "cone": 0.4, "polygon": 0.03}
     [("talos", "polygon"), ("talos", "wall"), ("g1", "polygon"), ("g1", "cone"), ("panda", "wall"), ("panda", "cone")],
 )
 def test_a_return_from_outside_sets_in_gradually(robots: dict[str, Any], name: str, what: str, kind: str) -> None:
-    """No tick is violated, for no more acceleration is asked than rate * recovery, and the command does not turn."""
+    """No tick violates a constraint, the demanded acceleration is at most rate * recovery, the command never reverses."""
     robot, off = robots[name], OUTSIDE[what]
     frame, home = frame_of(robot), robots[name].state()
     start, com, references = home.position(frame), home.com()[:2], []
@@ -152,7 +152,7 @@ def test_bounds_travel_with_a_reference(robots: dict[str, Any]) -> None:
         centre = start + [0.0, 0.05 * k * DT, 0.0]
         q, v = session.step(robot.state(q, v), hand.at(start), box.at(centre)).advance()
     off = robot.state(q).position("panda_hand") - centre
-    assert np.abs(off).max() < 0.02 + 0.05 / 20.0 + 1e-4  # the bounds move on without being announced
+    assert np.abs(off).max() < 0.02 + 0.05 / 20.0 + 1e-4  # the bounds move on without a given velocity
     assert off[1] < -0.02
 
 
@@ -177,7 +177,7 @@ def test_a_gaze_stays_within_its_cone(robots: dict[str, Any], kind: str) -> None
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_a_gaze_that_is_far_off_comes_back_at_the_recovery_speed(robots: dict[str, Any], kind: str) -> None:
-    """The point to look at lies 1.2 rad beside the axis; the cone is 0.2 rad wide."""
+    """The point to look at lies 1.2 rad from the axis; the cone is 0.2 rad wide."""
     robot = robots["panda"]
     gaze = t.LookAt(frame="panda_hand", axis=(0.0, 0.0, 1.0))
     cone = t.Cone(gaze, angle=0.2, name="cone", recovery=0.4)
@@ -196,7 +196,7 @@ def test_a_gaze_that_is_far_off_comes_back_at_the_recovery_speed(robots: dict[st
 @pytest.mark.parametrize("kind", FORMULATIONS)
 @pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
 def test_the_balance_stays_over_the_feet(robots: dict[str, Any], name: str, kind: str) -> None:
-    """A hand that pulls the body over its toes: the centre of mass stays in the polygon of the stack's soles."""
+    """A hand pulls the body over its toes: the centre of mass stays in the polygon of the stack's soles."""
     robot = robots[name]
     frame, sole = frame_of(robot), (-0.1, 0.1, -0.05, 0.05)
     start = robot.state().position(frame)
@@ -214,12 +214,12 @@ def test_the_balance_stays_over_the_feet(robots: dict[str, Any], name: str, kind
     )
     assert loose.min() < -0.01  # without it the robot would fall
     assert ways.min() > -5e-4
-    if kind == "velocity":  # as the hand arrives its posture is free again; no JointLimits bound how fast
+    if kind == "velocity":  # at arrival the hand frees the posture; no JointLimits bound its speed
         assert np.abs(np.diff(commands[1:], axis=0)).max() < 0.5
 
 
 def test_the_polygon_holds_where_the_feet_stand(robots: dict[str, Any]) -> None:
-    """With points in the frames of feet: at motions that leave the feet, the ways shrink with J, which drifts so."""
+    """Points in the frames of feet: if the feet move, the distances change with J and its drift."""
     robot, h = robots["talos"], 1e-6
     feet = contacts(robot)
     corners = ((0.1, 0.05), (-0.1, 0.06), (-0.11, -0.05), (0.12, -0.04))
@@ -240,7 +240,7 @@ def test_the_polygon_holds_where_the_feet_stand(robots: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 1e-4, 0.09, 0.11, 1.0, 2.5, 3.1])
 def test_a_rotation_vector_has_its_own_rate(robots: dict[str, Any], angle: float) -> None:
-    """J and drift of bounds on a rotation are those of the vector, however far the reference is."""
+    """J and drift of bounds on a rotation match those of the rotation vector at any distance of the reference."""
     robot, h = robots["panda"], 1e-6
     rng = np.random.default_rng(2)
     for task in (t.Orientation(frame="panda_hand"), t.Pose(frame="panda_hand", relative_to="panda_link3")):
@@ -370,7 +370,7 @@ def test_an_edge_has_no_sole(robots: dict[str, Any]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Labelled(t.Position):
-    """A task of one's own with a field of that name."""
+    """User task with a field called task."""
 
     task: Any = "carry"
 
@@ -380,7 +380,7 @@ class Labelled(t.Position):
 
 @dataclass(frozen=True, kw_only=True)
 class Height(Task):
-    """A task without a drift."""
+    """Task without a drift."""
 
     frame: str
 
@@ -395,7 +395,7 @@ class Height(Task):
 
 
 def test_a_missing_drift_is_told_before_the_loop(robots: dict[str, Any]) -> None:
-    """Of the task inside a Within, and of nothing else that is called task."""
+    """Raise for the task inside a Within, and ignore other fields called task."""
     robot = robots["panda"]
     bounded = t.Within(Height(frame="panda_hand"), lower=0.2)
     hqp.Controller(Stack(Level(bounded))).session(robot, DT).step(robot.state())
