@@ -1,4 +1,4 @@
-"""A robot that is none of ours: floating, with a slide, a bent link, position actuators and a displaced root."""
+"""A robot outside the catalogue: floating, with a slide, a bent link, position actuators and a displaced root."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ DATA = Path(__file__).parents[1] / "data" / "mjcf"
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "go2", "g1", "talos"])
 def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
-    """M, nle and motors' limits are the robot's; position servos hold home on the ground for half a second."""
+    """M, nle and motor limits match the robot; position servos hold home on the ground for half a second."""
     kp = {"panda": 400.0, "ur5": 2000.0, "go2": 200.0, "g1": 300.0, "talos": 3000.0}[name]
     robot = hqp.robots.load(name, rotors=True)
     plant = Plant(robot, actuation="position", servo=Servo(other=kp))
@@ -51,7 +51,7 @@ def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
     [("icub", "head", 1e-2), ("romeo", "RElbowYawLink", 1e-2), ("anymal", "depth_camera", 1e-2), ("human", "", 1e-1)],
 )
 def test_inertias_that_no_body_has_are_mended_in_the_plant_and_told(name: str, link: str, off: float) -> None:
-    """MuJoCo refuses them; the plant's M stays the robot's but for little."""
+    """MuJoCo refuses the inertia; the plant's M stays close to the robot's."""
     robot = hqp.robots.load(name, rotors=True)
     with pytest.warns(ModelWarning, match=f"inertias.*{link}"):
         plant = Plant(robot)
@@ -63,12 +63,12 @@ def test_inertias_that_no_body_has_are_mended_in_the_plant_and_told(name: str, l
 
 @pytest.mark.parametrize("name", ["go1", "a1"])
 def test_a_robot_whose_home_is_in_the_ground_starts_on_it(name: str) -> None:
-    """The file says no height of the base: the plant lifts the robot, which then stays near where it starts."""
+    """The file has no height of the base: the plant lifts the robot, and it stays near its start."""
     source = hqp.robots.load(name).source
     assert source is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        robot = hqp.robots.load(source, floating=True)  # the catalogue knows a height, the file does not
+        robot = hqp.robots.load(source, floating=True)  # the catalogue has a height, the file does not
         plant = Plant(robot, actuation="position", servo=Servo(other=300.0))
     q, _ = plant.reset()
     assert q[2] > robot.home[2] + 0.3
@@ -77,7 +77,7 @@ def test_a_robot_whose_home_is_in_the_ground_starts_on_it(name: str) -> None:
     plant.step(command, steps=200)
     assert np.linalg.norm(plant.com() - start) < 0.1
     placed, _ = plant.reset(robot.home)
-    np.testing.assert_allclose(placed, robot.home, atol=1e-12)  # what is asked for is taken as it is
+    np.testing.assert_allclose(placed, robot.home, atol=1e-12)  # an explicit configuration is used unchanged
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_every_robot_of_the_catalogue_has_a_plant() -> None:
 
 @pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
 def test_a_sole_without_shapes_bears_what_its_foot_bears(name: str) -> None:
-    """Talos' sole link has no shapes, the link that it is fixed to has: two feet on the ground bear the weight."""
+    """Talos' sole link has no shapes; its parent link has them: two feet on the ground bear the weight."""
     robot = hqp.robots.load(name)
     plant = Plant(robot, watched=robot.landmarks["soles"], actuation="position", servo=Servo(other=1e3))
     plant.reset(robot.home.copy())
@@ -177,7 +177,7 @@ def test_a_watched_frame_that_can_touch_nothing_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_urdf_robot_has_rotors_in_the_plant() -> None:
-    """G1's ankles 50 and 35 N m; the model for control has them where it was asked for, and then M agrees."""
+    """Rotors of G1's ankles: 50 and 35 N m; the control model includes them on request, and then M agrees."""
     robot = hqp.robots.load("g1", rotors=True)
     plant = Plant(robot)
     told = plant.armature

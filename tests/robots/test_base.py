@@ -1,4 +1,4 @@
-"""Whether a robot's base is free: what a file says, what is asked for, and a word where nothing holds it."""
+"""Floating or fixed base: by file, by argument, with a warning for a robot that nothing supports."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_command_begins_where_home_says() -> None:
 
 
 def told(robot: Any, *levels: Level, subject_to: Any = ()) -> list[str]:
-    """The warnings with which a session begins, which its first tick notes as well."""
+    """Warnings of a session's start; its first tick has them as notes."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         controller = hqp.Controller(Stack(*levels, subject_to=subject_to), deadline=float("inf"))

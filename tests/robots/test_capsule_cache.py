@@ -1,4 +1,4 @@
-"""Fitted capsules are kept in the user's cache by what they were fitted to, and fitted anew where a file is damaged."""
+"""Cache fitted capsules by the surface that they were fitted to; fit again if the cached file is damaged."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytest.importorskip("mujoco")
 
 @pytest.fixture
 def fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return the corners of each fitted surface, with an empty cache and a ball for the fit, which takes no time."""
+    """Return the corners of each fitted surface, with an empty cache and a ball as an instant fit."""
     seen: list[int] = []
 
     def counted(part: Any) -> Any:
@@ -86,7 +86,7 @@ def test_a_damaged_file_is_fitted_anew(tmp_path: Path, fits: list[int], damage: 
     path = kept(tmp_path)
     content = path.read_text()
     rows = json.loads(content)["capsules"]
-    if damage == "other":  # whole, but of another robot
+    if damage == "other":  # intact, but of another robot
         path.write_text(json.dumps({"sha256": capsule_cache._checksum(Path("other"), rows), "capsules": rows}))
     elif damage == "nan":
         rows[0][4] = float("nan")
@@ -113,7 +113,7 @@ def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path, fits: list[int])
 def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert capsule_cache.folder() == tmp_path / "hqp" / "capsules"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # to be ignored, says its specification
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # its specification ignores relative paths
     monkeypatch.setattr(sys, "platform", "linux")
     assert capsule_cache.folder() == Path.home() / ".cache" / "hqp" / "capsules"
     monkeypatch.setattr(sys, "platform", "darwin")

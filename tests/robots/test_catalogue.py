@@ -1,4 +1,4 @@
-"""Every robot of the catalogue: it loads, its home is inside its limits, its soles are at the ground."""
+"""Every robot of the catalogue loads, has its home inside its limits and its soles on the ground."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_all_of_the_package_are_listed() -> None:
     "name", ["talos", "g1", "icub", "romeo", "solo12", "anymal", "go2", "talos_full_v2", "g1_29dof_with_hand_rev_1_0"]
 )
 def test_feet_stand_on_the_ground(name: str) -> None:
-    """Soles are at the lowest point of the foot's shape, level, and that is at height zero."""
+    """Soles are level, at the lowest point of the foot's shape and at height zero."""
     robot = hqp.robots.load(name)
     state = robot.state()
     state.kinematics()
@@ -60,7 +60,7 @@ def test_no_floating_robot_stands_in_the_ground(name: str) -> None:
     if not heights or not np.isfinite(heights).any():
         pytest.skip("it has no shapes")
     assert min(heights) > -_HEIGHT
-    if name != "pr2":  # whose wheels have no shape
+    if name != "pr2":  # pr2's wheels have no shape
         assert min(heights) < _HEIGHT
 
 

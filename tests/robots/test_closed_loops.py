@@ -1,4 +1,4 @@
-"""Mechanisms with closed loops, read from MJCF, move as MuJoCo moves them."""
+"""Mechanisms with closed loops from MJCF move as in MuJoCo."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def session(robot: Any, kind: str, level: str) -> tuple[hqp.Session, t.Posture]:
 
 
 def gap(simulated: Any, qpos: Vec) -> float:
-    """Largest distance of points that MuJoCo's equalities hold together [m]."""
+    """Largest distance of points that MuJoCo's equalities connect [m]."""
     data = mujoco.MjData(simulated)
     data.qpos[:] = qpos
     mujoco.mj_forward(simulated, data)
@@ -63,7 +63,7 @@ def test_loops_stay_closed(kind: str, level: str, seed: int, tmp_path: Path) -> 
         np.testing.assert_array_equal(found.x, tick.x, err_msg=f"tick {k}")
         q, v = tick.advance()
         if k % 100 == 99:
-            assert gap(simulated, convert.to_mujoco(q, v)[0]) < 1e-3  # of integration, fed back
+            assert gap(simulated, convert.to_mujoco(q, v)[0]) < 1e-3  # integration error with feedback
     assert gap(simulated, convert.to_mujoco(q, v)[0]) < 1e-5
     assert np.abs(robot.state(q).angles[columns] - goal).max() < 1e-2
 

@@ -1,4 +1,4 @@
-"""Every robot file of the wheels that ``make corpus`` fetches loads, and moves as MuJoCo or Pinocchio say."""
+"""Every robot file of the wheels from ``make corpus`` loads, and moves as in MuJoCo or Pinocchio."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.corpus
 
 
 def robot_files() -> list[Path]:
-    """Files that MuJoCo compiles with joints, or whose root is a URDF robot; parts of other files are left out."""
+    """Files with joints that MuJoCo compiles, or with a URDF robot as root; parts of other files are left out."""
     found = []
     for path in sorted(p for p in FOLDER.rglob("*") if p.suffix.lower() in (".xml", ".urdf", ".mjcf")):
         try:
@@ -44,7 +44,7 @@ def load(path: Path) -> Any:
 
 
 class Judge:
-    """Places, inertia and bias forces of the file by its own engine: MuJoCo, or Pinocchio's reader for a URDF."""
+    """Positions, inertia and bias forces of the file by its own engine: MuJoCo, or Pinocchio's reader for a URDF."""
 
     def __init__(self, robot: Any) -> None:
         self.robot, self.simulated = robot, robot.description.simulated
@@ -72,7 +72,7 @@ class Judge:
         return B.T @ full @ B, B.T @ (data.qfrc_bias + full @ (ahead - behind) / (2 * h))
 
     def places(self) -> dict[str, Any]:
-        """Positions ``(3,)`` of links or bodies by name, as of the last ``at``."""
+        """Positions ``(3,)`` of links or bodies by name at the latest ``at``."""
         if self.simulated is None:
             bodies = [(f.name, i) for i, f in enumerate(self.model.frames) if f.type == pin.FrameType.BODY]
             return {name: self.data.oMf[i].translation for name, i in bodies}
@@ -81,7 +81,7 @@ class Judge:
 
 
 def stepped(robot: Any, judge: Judge, formulation: Any) -> None:
-    """Some ticks towards a drawn posture: places by the judge, limits, couplings, and the equation of motion."""
+    """Run some ticks towards a drawn posture: check positions, limits, couplings, and the equation of motion."""
     level = type(formulation).__name__
     law = P(5.0) if level == "Velocity" else PD(25.0, 10.0)
     posture = Posture(joints=robot.joint_names, law=law)
@@ -114,7 +114,7 @@ def stepped(robot: Any, judge: Judge, formulation: Any) -> None:
     off = [c.error(robot.state(q), c.hold(robot.state(q)).value) for c in robot.couplings]
     assert max((float(np.abs(e).max()) for e in off), default=0.0) < 1e-3
     if any("no position of" in note for note in robot.notes):
-        return  # limits and couplings of the file exclude each other
+        return  # limits and couplings of the file conflict
     angles = robot.state(q).angles[robot.actuated]
     assert (angles >= low - 1e-6).all()
     assert (angles <= high + 1e-6).all()

@@ -1,4 +1,4 @@
-"""Composite, Euler-angle and universal joints of a pinocchio.Model as chains of plain ones: the same robot."""
+"""Composite, Euler-angle and universal joints of a pinocchio.Model as chains of simple joints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hqp.tasks import Damping, Manipulability, Momentum, Position, Posture
 
 
 def composite(*joints: Any) -> Any:
-    """One joint of several, the later ones off the earlier."""
+    """One composite joint; later joints are displaced from earlier ones."""
     found = pin.JointModelComposite()
     for k, joint in enumerate(joints):
         turn = pin.exp3(np.array([0.3, -0.2, 0.1]) * k)
@@ -34,7 +34,7 @@ BASES = {
 
 
 def arm(base: Any) -> Any:
-    """Two hinges on the joint, a frame and limits on each."""
+    """Two hinges on the joint, with a frame and limits on each."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, 1.0, -9.0])
     carrier = 0
@@ -51,7 +51,7 @@ def arm(base: Any) -> Any:
 
 @pytest.mark.parametrize("base", BASES.values(), ids=BASES)
 def test_it_is_the_same_robot(base: Any) -> None:
-    """Frames, M, Coriolis and gravity forces at random states, steps of q, limits."""
+    """Compare frames, M, Coriolis and gravity forces at random states, steps of q, and limits."""
     given = arm(base)
     shapes = pin.GeometryModel()
     shapes.addGeometryObject(

@@ -1,4 +1,4 @@
-"""Couplings, states and names mean what the file says."""
+"""Couplings, states and names follow the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ENDS = {"continuous": "", "revolute": 'lower="-9" upper="9"'}
 
 
 def chain(folder: Path, kind: str, *mimics: str, suffix: str = ".urdf", more: str = "") -> Any:
-    """Joints j0, j1, ... in a chain, each with the mimic element given for it."""
+    """Joints j0, j1, ... in a chain, each with its mimic element."""
     links = "".join(f'<link name="l{i}">{MASS}</link>' for i in range(len(mimics) + 1))
     joints = "".join(
         f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="0 0 .1"/>'
@@ -80,8 +80,8 @@ def test_a_follower_that_narrows_its_leader_is_noted(seed: int, tmp_path: Path) 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_planar_joint_moves_across_its_axis(seed: int, tmp_path: Path) -> None:
-    """Whatever its axis: the link slides in the plane through its origin and turns about the axis, and at zero it is
-    where the file has it."""
+    """Draw its axis: the link slides in the plane through its origin and turns about the axis; its pose at zero is the
+    file's."""
     rng = np.random.default_rng(seed)
     axis, other = rng.normal(size=3) if seed else np.array((0.0, 0.0, -1.0)), rng.normal(size=3)
     place, shift = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)

@@ -1,4 +1,4 @@
-"""MJCF through MuJoCo's compiled model: what is taken over, what is refused, what is told."""
+"""MJCF through MuJoCo's compiled model: supported parts, refused parts, notes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ pytestmark = pytest.mark.filterwarnings("ignore:arm.xml:hqp.errors.ModelWarning"
 DATA = Path(__file__).parents[1] / "data" / "mjcf"
 FILES = sorted(DATA.glob("*.xml"))
 EVERY = {"mobile_arm": ("cube", "base", "post"), "two_legs": ("pelvis", "ball"), "arm": ("stand",)}
-"""Roots of all that moves, by file."""
+"""Roots of all moving bodies, by file."""
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
-    """Beside the check at load: every body's place, M and the bias forces at states of every joint."""
+    """In addition to the check at load: position of each body, M and the bias forces at states of every joint."""
     robot, simulated = hqp.robots.load(path, root=EVERY[path.stem]), mujoco.MjModel.from_xml_path(str(path))
     assert robot.nv == simulated.nv
     data, convert = mujoco.MjData(simulated), ModelMap(simulated, robot)
@@ -49,7 +49,7 @@ def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
         full = full_inertia(simulated, data)
         B = convert.tangent(data.qpos)
         np.testing.assert_allclose(state.mass_matrix(), B.T @ full @ B, atol=1e-11)
-        # bias forces of MuJoCo at zero acceleration in its own coordinates: M dB/dt v more in Pinocchio's
+        # bias forces of MuJoCo at zero acceleration in its own coordinates: Pinocchio's have M dB/dt v more
         h = 1e-6
         later = robot.integrate(q, v, h), robot.integrate(q, v, -h)
         turn = [convert.tangent(convert.to_mujoco(at, v)[0]) @ v for at in later]
@@ -197,7 +197,7 @@ def test_a_connect_is_a_closure() -> None:
 
 @pytest.mark.parametrize("fault", ["mass", "axis", "anchor", "ref"])
 def test_a_fault_in_the_reader_is_seen(fault: str) -> None:
-    """The check at load refuses a model whose mass, axis, anchor or zero is not MuJoCo's."""
+    """The check at load refuses a model with another mass, axis, anchor or zero than MuJoCo's."""
     simulated = from_mjcf.compiled(DATA / "mobile_arm.xml")
     found = from_mjcf.describe(simulated, DATA / "mobile_arm.xml")
     agreement.check(found)
@@ -233,7 +233,7 @@ GRIPPER = """
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_gripper_on_one_tendon_has_torques(seed: int, tmp_path: Path) -> None:
-    """MuJoCo's fingers accelerate as the program says, with the force that gives the leader's torque in the tendon."""
+    """MuJoCo's fingers accelerate as in the program, with the tendon force of the leader's torque."""
     rng = np.random.default_rng(seed)
     a, b, gear, ratio = (float(x) for x in rng.uniform(0.3, 2.0, 4) * rng.choice([-1, 1], 4))
     equality = f'<joint joint1="two" joint2="one" polycoef="0.01 {ratio} 0 0 0"/>'

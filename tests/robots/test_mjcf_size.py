@@ -1,4 +1,4 @@
-"""An MJCF that makes more bodies than can be read is refused at once, whatever way it makes them."""
+"""Refuse an MJCF with too many bodies at once, for every way to make them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""States both ways between Pinocchio and MuJoCo, and the physics of the two engines at the same state."""
+"""Conversion of states between Pinocchio and MuJoCo, and the physics of both engines at one state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TOLERANCE = 1e-10
 
 @pytest.fixture(scope="module", params=[*OWN, ("hopper", "hopper")], ids=lambda pair: pair[1])
 def plant(request: pytest.FixtureRequest, hopper: Path) -> tuple[Plant, Any]:
-    """A plant and Pinocchio's model, with the same armature."""
+    """Plant and Pinocchio model with equal armature."""
     name, stem = request.param
     if name == "hopper":
         robot = hqp.robots.load(hopper)
@@ -58,7 +58,7 @@ def test_there_and_back(plant: tuple[Plant, Any]) -> None:
 
 
 def test_tangent_is_the_derivative(plant: tuple[Plant, Any]) -> None:
-    """qvel of the map is B v, and integrating either engine's velocity leads to the same configuration."""
+    """qvel of the map is B v; integration of either engine's velocity leads to one configuration."""
     plant, model = plant
     h = 1e-7
     for q, v in states(model, 3):
@@ -122,7 +122,7 @@ def test_bias_forces(plant: tuple[Plant, Any]) -> None:
 
 
 def test_rates_of_a_ball_that_rolled_sideways() -> None:
-    """The wheel's rate is the component about the axle the base carries, whatever the ball's orientation."""
+    """The wheel's rate is the component about the axle on the base, for any orientation of the ball."""
     robot = hqp.robots.load("dreamer")
     plant = Plant(robot, "dreamer")
     rng = np.random.default_rng(3)

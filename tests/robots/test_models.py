@@ -1,4 +1,4 @@
-"""Our own robots: the files against the tables, and URDF against MJCF through Pinocchio and MuJoCo."""
+"""The project's robots: files against the tables, and URDF against MJCF through Pinocchio and MuJoCo."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def twin(name: str) -> mujoco.MjModel:
 
 
 def random_states(urdf: pin.Model, twin: mujoco.MjModel, count: int):
-    """Pairs (q, qpos, turn): base pose and joint angles alike; turn maps Pinocchio's v to MuJoCo's qvel."""
+    """Pairs (q, qpos, turn) with equal base pose and joint angles; turn maps Pinocchio's v to MuJoCo's qvel."""
     rng = np.random.default_rng(5)
     lower = np.maximum(urdf.lowerPositionLimit[7:], -np.pi)
     upper = np.minimum(urdf.upperPositionLimit[7:], np.pi)
@@ -110,7 +110,7 @@ def test_inertias_are_the_tables(tables: Tables, urdf: pin.Model, twin: mujoco.M
         np.testing.assert_allclose(body.ipos, vector(link, "cx", "cy", "cz"), atol=1e-14)
         np.testing.assert_allclose(turn @ np.diag(body.inertia) @ turn.T, inertia(link), atol=1e-13)
     carried = dict.fromkeys(range(1, urdf.njoints), pin.Inertia.Zero())
-    for link in tables.links:  # Pinocchio adds what is fixed to a link to its joint
+    for link in tables.links:  # Pinocchio adds fixed links to their joint
         frame = urdf.frames[urdf.getFrameId(link["name"], pin.FrameType.BODY)]
         own = pin.Inertia(float(link["mass"]), vector(link, "cx", "cy", "cz"), inertia(link))
         carried[frame.parentJoint] = carried[frame.parentJoint] + frame.placement.act(own)
@@ -122,7 +122,7 @@ def test_inertias_are_the_tables(tables: Tables, urdf: pin.Model, twin: mujoco.M
 
 
 def test_zero_posture_is_the_tree_of_the_table(tables: Tables, urdf: pin.Model) -> None:
-    """Every link frame is parallel to the root's and sits at the sum of the offsets on its way."""
+    """Every link frame is parallel to the root's and sits at the sum of the offsets on its path."""
     data = urdf.createData()
     pin.framesForwardKinematics(urdf, data, pin.neutral(urdf))
     where = {tables.description["root"]: np.zeros(3)}
@@ -161,7 +161,7 @@ def test_urdf_equals_mjcf(name: str, tables: Tables, urdf: pin.Model, twin: mujo
 
 
 def test_pinocchio_reads_the_mjcf(name: str, urdf: pin.Model) -> None:
-    """The MJCF through Pinocchio's own reader gives the same mass matrix and the same posture."""
+    """Pinocchio's own reader of the MJCF gives the same mass matrix and posture."""
     model = pin.buildModelFromMJCF(str(FOLDER / name / TWIN[name]))
     assert model.nv == urdf.nv
     data, other = urdf.createData(), model.createData()
@@ -204,7 +204,7 @@ def test_default_posture_stands_on_the_ground(robot: str, file: str) -> None:
 
 
 def test_wheel_variants_have_the_wheel_of_the_table() -> None:
-    """Ball and rollers at their zero: turned about the axle alone, they are the hinge's wheel."""
+    """Ball and rollers at zero, rotated about the axle alone, are the hinge's wheel."""
     turned = {}
     for file in ("dreamer.xml", "dreamer_rollers.xml", "dreamer_hinges.xml"):
         model = mujoco.MjModel.from_xml_path(str(FOLDER / "dreamer" / file))
@@ -237,7 +237,7 @@ def test_cbi_height_sole_and_centre_of_mass() -> None:
 
 
 def test_cbi_mirrors() -> None:
-    """Equal angles left and right: the palms and soles are each other's mirror image."""
+    """With equal angles left and right, palms and soles are mirror images."""
     model = pin.buildModelFromUrdf(str(FOLDER / "cbi" / "cbi.urdf"), pin.JointModelFreeFlyer())
     data = model.createData()
     rng = np.random.default_rng(2)

@@ -21,7 +21,7 @@ from hqp.tasks import Com, Momentum, Pose, Position, Posture
 pytestmark = pytest.mark.skipif(hqp.programs.assembly.native is None, reason="no native assembly here")
 
 TOLERANCE = 1e-12
-"""Relative to the largest entry."""
+"""Tolerance relative to the largest entry."""
 
 KINDS = {
     "free": pin.JointModelFreeFlyer(),
@@ -36,7 +36,7 @@ KINDS = {
 
 
 def chain(*joints: Any) -> Robot:
-    """These joints one after another, from the middle on a second branch, with rotors and a gravity of their own."""
+    """The joints in series, with a second branch from the middle, rotors and a special gravity."""
     pin.seed(3)
     model, carriers = pin.Model(), [0]
     model.gravity.linear = np.array([1.0, -2.0, -9.0])
@@ -52,7 +52,7 @@ def chain(*joints: Any) -> Robot:
 
 
 class Native:
-    """A, b + g and rows of order 2 that are only Jacobian and drift, all of them native."""
+    """Native A, b + g and rows of order 2 with Jacobian and drift only."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.frames = robot, robot.frame_names[1 :: max(1, len(robot.frame_names) // 8)]
@@ -69,7 +69,7 @@ class Native:
         self._native, self._kinematics = native, kinematics(robot)
 
     def at(self, q: Vec, v: Vec) -> dict[str, Vec]:
-        """What they say, with kinematics of their own where they have some."""
+        """Native values, with native kinematics if the robot has them."""
         if self._kinematics is None:
             self.robot.state(q, v).kinematics()
         else:
@@ -81,7 +81,7 @@ class Native:
         return {name: value.copy() for name, value in found.items()}
 
     def pinocchios(self, q: Vec, v: Vec) -> dict[str, Vec]:
-        """The same of Pinocchio."""
+        """Pinocchio's values."""
         state = self.robot.state(q, v)
         momentum, rate = state.momentum_map()
         found = {"momentum": momentum, "momentum drift": rate}
@@ -120,7 +120,7 @@ def test_with_the_inertia_of_rotors(name: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_every_kind_of_joint(kind: Any) -> None:
-    """First of a chain and last, on hinges of both branches."""
+    """First in a chain and last, on hinges of both branches."""
     agrees(chain(kind, KINDS["hinge"], KINDS["slide"], KINDS["hinge"], kind))
 
 
@@ -134,7 +134,7 @@ def test_only_screws_leave_kinematics_to_pinocchio() -> None:
 
 
 def test_far_from_the_origin() -> None:
-    """A of a floating base depends on no position: 10 km away it is what it is at the origin, to rounding of that."""
+    """A of a floating base does not depend on its position: 10 km away it is equal to rounding at that distance."""
     robot = hqp.robots.load("talos")
     native, rng = Native(robot), np.random.default_rng(7)
     q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
@@ -151,7 +151,7 @@ def test_an_axis_that_moves_in_its_body_is_refused() -> None:
 
 @pytest.mark.parametrize("kind", ["hinge", "continuous", "slide", "screw"])
 def test_torque_ticks(kind: str) -> None:
-    """Native ticks tell the acceleration that forward dynamics say; of a screw, with Pinocchio's placements."""
+    """Native ticks report the acceleration of forward dynamics; for a screw, with Pinocchio's placements."""
     robot = chain(KINDS[kind], KINDS["hinge"], KINDS["hinge"], KINDS["hinge"])
     hand = Position(frame="f1", law=PD(20.0, 9.0))
     run = hqp.Controller(Stack(Level(hand), Level(Posture())), hqp.Torque(), price=0, deadline=np.inf).session(

@@ -1,4 +1,4 @@
-"""The robot of a drawn MJCF scene is what actuators move; other moving bodies are obstacles, whatever their order."""
+"""In a drawn MJCF scene the actuated bodies form the robot; other moving bodies are obstacles, in any order."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MESH = '<asset><mesh name="wedge" vertex="0 0 0 .1 0 0 0 .06 0 0 0 .08 .1 .06 .0
 
 
 class Scene:
-    """An arm, a gripper on one tendon, and objects in a drawn order: free, on a hinge, standing still, mocap."""
+    """An arm, a gripper on one tendon, and objects in drawn order: free, on a hinge, static, mocap."""
 
     def __init__(self, seed: int, folder: Path) -> None:
         rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def test_the_robot_is_that_without_its_scene(seed: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_obstacles_contain_the_geoms_where_they_are(seed: int, tmp_path: Path) -> None:
-    """Bodies are moved in MuJoCo; its rays from far away end inside the shapes at the poses that ``at`` gives."""
+    """Move bodies in MuJoCo: its rays from far away end inside the shapes at the poses of ``at``."""
     drawn = Scene(seed, tmp_path)
     path = drawn.whole()
     obstacles, simulated = hqp.robots.load(path).obstacles, mujoco.MjModel.from_xml_path(str(path))
@@ -130,7 +130,7 @@ def test_obstacles_contain_the_geoms_where_they_are(seed: int, tmp_path: Path) -
 
 
 def surface_points(simulated: Any, data: Any, name: str, rng: Any) -> Any:
-    """Points where rays towards a body's geoms meet them ``(n, 3)``."""
+    """Points of a body's geoms hit by rays ``(n, 3)``."""
     body, found = simulated.body(name), []
     for g in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]):
         middle, size = data.geom_xpos[g], 2.0 * simulated.geom_rbound[g]
@@ -152,7 +152,7 @@ def surface_points(simulated: Any, data: Any, name: str, rng: Any) -> Any:
 
 
 def outside(shape: Any, pose: Any, points: Any) -> Any:
-    """Distances of points from a shape, below zero inside ``(n,)`` [m]."""
+    """Distances of points from a shape, negative inside ``(n,)`` [m]."""
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     if shape.kind == "sphere":
         return np.linalg.norm(local, axis=1) - shape.size[0]

@@ -1,4 +1,4 @@
-"""A state that native kinematics have placed reads as one that Pinocchio has."""
+"""A state with native placements reads like one with Pinocchio's."""
 
 from collections.abc import Callable
 
@@ -25,7 +25,7 @@ def _numbers(state: State, frame: str) -> list[np.ndarray]:
 @pytest.mark.parametrize("frame", ["r_palm", "l_sole"])
 def test_same_numbers(frame: str) -> None:
     robot = hqp.robots.load("cbi").copy()
-    update = _update(robot)  # before any frame was asked for: it writes bodies alone
+    update = _update(robot)  # before the first query of a frame it writes bodies only
     rng = np.random.default_rng(3)
     for _ in range(5):
         q, v = robot.integrate(robot.home, rng.standard_normal(robot.nv), 0.3), rng.standard_normal(robot.nv)

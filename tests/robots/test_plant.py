@@ -1,4 +1,4 @@
-"""The plant: commands, forces, delay, terrain, sensors, and robots that stand."""
+"""The plant: commands, forces, delay, terrain, sensors, and standing robots."""
 
 from __future__ import annotations
 
@@ -34,12 +34,13 @@ def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def free(height: float, x: float = 0.0, angle: float = 0.0) -> np.ndarray:
-    """q of a free body, turned uphill by an angle about -y."""
+    """q of a free body, tilted uphill by an angle about -y."""
     return np.array([x, 0.0, height, 0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2)])
 
 
 def hold(robot: Any, plant: Plant, q0: np.ndarray, seconds: float) -> float:
-    """Gravity compensation and a stiff PD on Dreamer's upper body, brakes on the wheels; least wheel load [N]."""
+    """Hold Dreamer's upper body with gravity compensation and a stiff PD, wheels braked; return the least wheel load
+    [N]."""
     index = [robot.model.joints[robot.model.getJointId(n)].idx_q for n in plant.joint_names]
     wheel = np.array([name.startswith("wheel") for name in plant.joint_names])
     kp = np.where(wheel, 0.0, [2000.0 if name.startswith("torso") else 300.0 for name in plant.joint_names])
@@ -50,13 +51,13 @@ def hold(robot: Any, plant: Plant, q0: np.ndarray, seconds: float) -> float:
         q, v = plant.state()
         gravity = robot.state(q).gravity_force()
         torque = gravity[robot.actuated] - kp * (q - q0)[index] - kd * v[robot.actuated]
-        torque[hip] += gravity[thorax]  # one motor carries both joints
+        torque[hip] += gravity[thorax]  # one motor drives both joints
         plant.step(torque, steps=2)
         least = min(least, plant.contacts().load.min())
     return float(least)
 
 
-# ---------------------------------------------------------------------------------------- our robots stand
+# ---------------------------------------------------------------------------------------- robots stand
 
 
 def test_cbi_stands_under_the_position_servo() -> None:
@@ -104,7 +105,7 @@ def test_dreamer_stands(stem: str) -> None:
 
 
 def frictionless_and_stiff(stem: str) -> Plant:
-    """Dreamer with its upper body locked by springs and no friction in the wheels, settled on the ground."""
+    """Dreamer with springs that lock the upper body, frictionless wheels, settled on the ground."""
     plant = Plant(hqp.robots.load("dreamer"), stem)
     model = plant.model
     for i in range(1, model.njnt):
@@ -125,9 +126,9 @@ ROLLING_MASS = 71.464 + 1.5 * 0.0027981 / 0.101**2
 @pytest.mark.parametrize("heading", [0.0, 0.7, math.pi / 2])
 @pytest.mark.parametrize(("stem", "tolerance"), [("dreamer", 0.01), ("dreamer_rollers", 0.07)])
 def test_omnidirectional_wheels_roll(stem: str, tolerance: float, heading: float) -> None:
-    """Pushed at its centre of mass, the robot accelerates in any direction as mass and turning wheels say.
+    """Push the robot at its centre of mass: in any direction it accelerates by mass and inertia of the wheels.
 
-    Rollers cost some: each one that comes to the ground has to be spun up.
+    Rollers cost some: the ground spins up each roller that touches down.
     """
     plant = frictionless_and_stiff(stem)
     along = np.array([math.cos(heading), math.sin(heading), 0.0])
@@ -203,7 +204,7 @@ def test_friction_on_the_ramp(box: Path, friction: float, slides: bool) -> None:
     plant.step(np.zeros(0), steps=100)
     contacts = plant.contacts()
     np.testing.assert_allclose(contacts.normal[0], normal, atol=1e-3)
-    if not slides:  # a box that slides rattles on its corners
+    if not slides:  # a sliding box rattles on its corners
         assert contacts.load[0] == pytest.approx(3.0 * GRAVITY * math.cos(angle), rel=1e-3)
     down = -np.array([math.cos(angle), 0.0, math.sin(angle)])
     speed = [plant.velocity("box")[:3] @ down]
@@ -214,7 +215,7 @@ def test_friction_on_the_ramp(box: Path, friction: float, slides: bool) -> None:
 
 
 def test_ramp_geometry(box: Path) -> None:
-    """What the formulas say is where a ray from above meets the ground."""
+    """The formulas match the ground that a ray from above hits."""
     terrain = Ramp(start=0.35, angle=math.radians(12.0), top=0.3)
     plant = Plant(hqp.robots.load(box), box, terrain=terrain)
     plant.reset(free(5.0, -3.0))
@@ -230,7 +231,7 @@ def test_ramp_geometry(box: Path) -> None:
 
 
 def test_dreamer_feels_the_ramp_through_its_front_wheel() -> None:
-    """Half on the slope: front wheel's normal is the slope's, the others' the plane's."""
+    """Half on the slope: the front wheel has the slope's normal, the others the plane's."""
     robot = hqp.robots.load("dreamer")
     terrain = Ramp(start=0.10, angle=math.radians(7.0))
     for stem in ("dreamer", "dreamer_rollers"):
@@ -251,7 +252,7 @@ def test_dreamer_feels_the_ramp_through_its_front_wheel() -> None:
 
 
 def test_torque_in_the_robots_order(hopper: Path) -> None:
-    """Without contact a torque accelerates as Pinocchio's forward dynamics say, whatever the file's actuators."""
+    """Without contact a torque accelerates by Pinocchio's forward dynamics, for any order of the file's actuators."""
     robot = hqp.robots.load(hopper)
     plant = Plant(robot, hopper, timestep=1e-5)
     q = pin.neutral(robot.model)
@@ -357,7 +358,7 @@ def test_perfect_sensors_read_the_truth() -> None:
 
 
 def test_accelerometer() -> None:
-    """At rest it reads g upwards in its own axes; in free fall nothing."""
+    """At rest it measures g upwards in its own axes; in free fall zero."""
     robot = hqp.robots.load("cbi")
     plant = Plant(robot, actuation="position")
     q, _ = plant.reset()
@@ -407,7 +408,7 @@ def test_noise_and_bias() -> None:
 
 
 def test_armature_and_edit() -> None:
-    """The model for control can have the plant's armature, the plant another one."""
+    """The control model can use the plant's armature; the plant can use another one."""
     robot = hqp.robots.load("cbi", rotors=True)
     data = robot.model.createData()
     pin.crba(robot.model, data, np.array(robot.home))

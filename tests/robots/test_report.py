@@ -1,4 +1,4 @@
-"""`hqp robots FILE` reports what a file gave: every joint with its limits, assumptions, omissions."""
+"""`hqp robots FILE` reports each joint with its limits, assumptions, and omissions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_urdf_is_reported(seed: int, tmp_path: Path, capsys: Any) -> None:
     drawn.lines[at] = f'<limit lower="{low}" upper="1" effort="0" velocity="2"/>'
     path = drawn.write(tmp_path)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # the report says it, once
+        warnings.simplefilter("error")  # the report prints warnings once
         assert main(["robots", str(path)]) == 0
     told = capsys.readouterr().out
     parts = sections(told)
@@ -64,7 +64,7 @@ def test_a_scene_is_reported(seed: int, tmp_path: Path, capsys: Any) -> None:
         assert name in parts["Read"]
         assert name in parts["Left out"]
     assert "coupling: left_right" in parts["Read"]
-    assert "tendons" not in parts["Left out"]  # its one is fixed
+    assert "tendons" not in parts["Left out"]  # its only tendon is fixed
 
 
 @pytest.mark.parametrize("name", ["panda", "cbi", "go2"])

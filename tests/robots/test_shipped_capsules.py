@@ -1,4 +1,4 @@
-"""Shipped capsules belong to the surface of a link: another file of the same name has a fit of its own."""
+"""Shipped capsules belong to the surface of a link: another file of that name gets its own fit."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_renamed_copy_has_the_shipped_capsules(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_link_that_differs_has_a_fit_of_its_own(seed: int, tmp_path: Path) -> None:
-    """A ball of drawn size is added to a drawn link: that link alone is fitted, and a note names it."""
+    """Add a ball of drawn size to a drawn link: only this link is fitted again, with a note."""
     rng = np.random.default_rng(seed)
     own = hqp.robots.load("cbi")
     links = sorted({capsules.link_name(own, c.body) for c in own.capsules})
@@ -85,10 +85,10 @@ def test_a_link_that_differs_has_a_fit_of_its_own(seed: int, tmp_path: Path) -> 
 
 
 def divided(part: Surface, rng: Any) -> Surface:
-    """Split each triangle in four, turned and in another order."""
+    """Split each triangle in four, rotated and in another order."""
     t, middle = part.triangles, 0.5 * (part.triangles + np.roll(part.triangles, 1, axis=1))
     corners = [np.stack((t[:, k], middle[:, k], middle[:, (k + 1) % 3]), axis=1) for k in range(3)]
-    whole = part.radii > 0.0  # a swept triangle weighs by its perimeter, too
+    whole = part.radii > 0.0  # a swept triangle has a weight for its perimeter, too
     found = np.concatenate([middle[~whole], t[whole], *(c[~whole] for c in corners)])
     radii = np.concatenate([part.radii[~whole], part.radii[whole], *[part.radii[~whole]] * 3])
     order = rng.permutation(len(radii))

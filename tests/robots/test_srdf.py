@@ -1,4 +1,4 @@
-"""SRDF files of a URDF: poses by name, pairs that are disabled, what is refused and what is warned of."""
+"""SRDF files of a URDF: named poses, disabled pairs, errors and warnings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PAIRS = """<disable_collisions link1="l1" link2="l5" reason="Never"/><disable_co
 
 
 def write(folder: Path, text: str | None, name: str = "arm.srdf") -> Path:
-    """A chain of six joints, the last of them continuous, and an SRDF of that text."""
+    """Chain of six joints, the last one continuous, and an SRDF with the given text."""
     path = folder / "arm.urdf"
     joints = [JOINT.format(i, i + 1, "revolute" if i + 2 < LINKS else "continuous") for i in range(LINKS - 1)]
     path.write_text(f'<robot name="arm">{"".join([*map(LINK.format, range(LINKS)), *joints])}</robot>')
@@ -41,7 +41,7 @@ def write(folder: Path, text: str | None, name: str = "arm.srdf") -> Path:
 
 
 def kept_apart(robot: Any) -> set[frozenset[str]]:
-    """Pairs of links with a row, of capsules around all that move."""
+    """Pairs of links with a row, of capsules around all moving links."""
     own = [LinkCapsule(f"l{k}", k, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.03) for k in range(1, LINKS)]
     capsules, pairs = candidates(CollisionAvoidance(), robot.with_capsules(own))
     return {frozenset(capsules[k].name for k in pair) for pair in pairs}

@@ -1,4 +1,4 @@
-"""MJCF files with what robots of other packages were found to have: names twice, deformable bodies, cameras, motors."""
+"""MJCF files with oddities of published robots: duplicate names, deformable bodies, cameras, motors."""
 
 from __future__ import annotations
 
@@ -82,14 +82,14 @@ def test_a_file_with_more_bodies_than_there_is_room_for_is_refused(tmp_path: Pat
 
 
 def test_rotor_inertia_of_a_tendon_is_warned_of(tmp_path: Path) -> None:
-    """It is in the inertia of MuJoCo and not in that of the model."""
+    """MuJoCo's inertia includes it, the model's does not."""
     tendon = '<tendon><fixed armature=".1"><joint joint="bend" coef="1"/></fixed></tendon>'
     with pytest.warns(ModelWarning, match="tendons"):
         load(tmp_path, FINGER.replace("<actuator>", f"{tendon}<actuator>"))
 
 
 def test_a_centre_of_mass_that_is_almost_at_the_origin_is_no_reason_to_refuse(tmp_path: Path) -> None:
-    """MuJoCo takes such a free body as simple, with a diagonal inertia."""
+    """MuJoCo treats such a free body as simple, with a diagonal inertia."""
     body = """<body><freejoint/><geom size=".1" mass="0"/>
       <inertial pos="2e-9 1e-9 0" mass="200" diaginertia=".5 .5 .5"/></body>"""
     robot = load(tmp_path, FINGER.replace("</worldbody>", f"{body}</worldbody>"), root=("palm", "body_3"))

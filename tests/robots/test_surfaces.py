@@ -1,4 +1,4 @@
-"""Capsules contain the surface of each link and stay close to its convex hull, whatever its shapes, scale and unit."""
+"""Capsules contain each link's surface and stay close to its convex hull, for all shapes, scales and units."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def outside(points: Any, links: Any) -> float:
 
 
 def judge(robot: Any, found: Any, count: int = 10_000) -> None:
-    """Containment of drawn points to 1e-6 m, and the mean distance of the capsules' surface to the hull by coal."""
+    """Check containment of drawn points to 1e-6 m, and the mean distance of the capsules to the hull by coal."""
     rng, items = np.random.default_rng(1), robot.geometry.geometryObjects
     for joint in sorted({int(i.parentJoint) for i in items} - {0}):
         own = [c for c in found if c.body == joint]

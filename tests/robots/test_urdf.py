@@ -1,4 +1,4 @@
-"""URDF files: what is refused, what is warned of, mimic joints, frames and shapes of one's own."""
+"""URDF files: errors, warnings, mimic joints, user frames and shapes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIMIT = '<limit lower="-1" upper="1.5" velocity="2" effort="30"/>'
 
 
 def write(folder: Path, *, mass: str = "1", ixx: str = "0.02", axis: str = "0 1 0", limit: str = LIMIT) -> Path:
-    """Three links, two joints; the faults go to the second link or joint ``elbow``."""
+    """Three links and two joints; faults go to the second link or joint ``elbow``."""
     path = folder / "arm.urdf"
     base = LINK.format(name="base", mass=5, ixx=0.02)
     links = [base, LINK.format(name="upper", mass=1, ixx=0.02), LINK.format(name="fore", mass=mass, ixx=ixx)]
@@ -82,11 +82,11 @@ def test_warned_of_by_name(tmp_path: Path, fault: dict[str, str], told: str) -> 
         robot = hqp.robots.load(write(tmp_path, **fault), floating=False)
     assert robot.source == tmp_path / "arm.urdf"
     if "0.3" in fault.get("limit", ""):
-        assert robot.state().angles[1] == 0.3  # home is inside
+        assert robot.state().angles[1] == 0.3  # home is inside the limits
 
 
 def test_a_joint_that_moves_no_mass_is_told(tmp_path: Path) -> None:
-    """Its row of the joint-space inertia is zero, which a session at torque level refuses."""
+    """Its row of the joint-space inertia is zero; a session at torque level refuses it."""
     path = write(tmp_path, mass="0", ixx="0")
     path.write_text(path.read_text().replace('ixx="0" iyy="0.02" izz="0.01"', 'ixx="0" iyy="0" izz="0"'))
     with pytest.warns(ModelWarning, match=r"no mass moves with 'elbow'"):
@@ -222,7 +222,7 @@ def test_pinocchios_own_mimic_joints_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_prefix_that_the_file_does_not_declare_is_read_over(tmp_path: Path) -> None:
-    """Drake's attributes and elements, as in files of several packages; readers of URDF pass over them."""
+    """Drake's attributes and elements occur in files of several packages; URDF readers ignore them."""
     path = write(tmp_path, limit=LIMIT.replace("lower", 'drake:acceleration="2.5" lower'))
     path.write_text(path.read_text().replace("</robot>", "<drake:group name='a'><drake:member/></drake:group></robot>"))
     robot = hqp.robots.load(path, floating=False)
@@ -257,7 +257,7 @@ def test_what_the_reader_would_not_name_is_named(tmp_path: Path, old: str, new: 
 
 
 def write_mesh(path: Path, size: float) -> None:
-    """A corner of a cube as an STL of text."""
+    """Write a corner of a cube as an STL of text."""
     corners = size * np.vstack((np.zeros(3), np.eye(3)))
     faces = [
         "facet normal 0 0 0 outer loop "
@@ -283,7 +283,7 @@ def test_robots_of_one_file_share_meshes_as_long_as_there_are_any(tmp_path: Path
     loader = weakref.ref(one.geometry.loader)
     assert two.geometry.loader is two.copy().geometry.loader is loader()
     assert largest(one) == largest(two) == pytest.approx(0.2)
-    write_mesh(mesh, 0.3)  # another mesh in its place
+    write_mesh(mesh, 0.3)  # replaced by another mesh
     os.utime(mesh, (mesh.stat().st_atime, mesh.stat().st_mtime + 5.0))
     assert largest(hqp.robots.load(path)) == pytest.approx(0.3)
     assert largest(two) == pytest.approx(0.2)
@@ -294,7 +294,7 @@ def test_robots_of_one_file_share_meshes_as_long_as_there_are_any(tmp_path: Path
 
 
 def test_angles_given_as_q_are_told_how_to_become_one() -> None:
-    """Joints that turn without end have two numbers in q."""
+    """Continuous joints have two numbers in q."""
     robot = hqp.robots.load("kinova")
     angles = np.zeros(robot.nv)
     for give in (robot.set_home, robot.state):

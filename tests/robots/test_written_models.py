@@ -1,4 +1,4 @@
-"""MJCF written by hand, one odd thing each: places of bodies, M and bias forces are MuJoCo's, limits are the file's."""
+"""Handwritten MJCF with one oddity each: body positions, M and bias forces are MuJoCo's, limits are the file's."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CLASSES = (
     '<default class="kk"><joint axis="1 0 0" range="-5 5"/></default></default></default>'
 )
 
-WRITTEN = {  # worldbody, what stands before it, what stands after it, the compiler's settings
+WRITTEN = {  # worldbody, text before it, text after it, compiler settings
     "three hinges with anchors": (
         f'<body><joint axis="0 1 0" pos="0 0 .1"/><joint axis="1 0 0" pos=".1 0 0"/><joint pos="0 .1 0"/>{G}</body>',
     ),
@@ -135,7 +135,7 @@ def test_what_is_written_is_what_moves(name: str, tmp_path: Path) -> None:
         momentum = np.zeros(simulated.nv)
         mujoco.mj_mulM(simulated, data, momentum, data.qvel)
         assert v @ state.mass_matrix() @ v == pytest.approx(data.qvel @ momentum, rel=1e-10)
-        if not np.any(simulated.jnt_type == mujoco.mjtJoint.mjJNT_FREE):  # whose accelerations are in other axes
+        if not np.any(simulated.jnt_type == mujoco.mjtJoint.mjJNT_FREE):  # a free joint has accelerations in other axes
             assert v @ state.bias_force() == pytest.approx(data.qvel @ data.qfrc_bias, rel=1e-9, abs=1e-9)
     for joint in ("i", "j"):
         if joint in robot.joint_names:
@@ -161,7 +161,7 @@ def test_of_unequal_effort_limits_the_smaller_one_counts(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("seed", range(6))
 def test_motors_weaker_than_the_range_of_their_joint_are_noted(tmp_path: Path, seed: int) -> None:
-    """The weakest first, in whatever order the file has them; the effort limit is what MuJoCo's clips leave."""
+    """Name the weakest first, for any order in the file; the effort limit is the least of MuJoCo's clips."""
     rng, names = np.random.default_rng(seed), list("abcd")
     bound, pull = rng.uniform(1.0, 100.0, 4).round(3), rng.uniform(1.0, 100.0, 4).round(3)
     gear = rng.choice([-1.0, 1.0, 20.0], 4)

@@ -101,7 +101,7 @@ OUTSIDE = {"wall": 0.1, "cone": 0.4, "polygon": 0.03}
     [("talos", "polygon"), ("talos", "wall"), ("g1", "polygon"), ("g1", "cone"), ("panda", "wall"), ("panda", "cone")],
 )
 def test_a_return_from_outside_sets_in_gradually(robots: dict[str, Any], name: str, what: str, kind: str) -> None:
-    """No tick violates a constraint, the demanded acceleration is at most rate * recovery, the command never reverses."""
+    """No tick violates a constraint, the demand is at most rate * recovery, the command keeps its sign."""
     robot, off = robots[name], OUTSIDE[what]
     frame, home = frame_of(robot), robots[name].state()
     start, com, references = home.position(frame), home.com()[:2], []
