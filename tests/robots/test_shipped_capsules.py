@@ -59,7 +59,7 @@ def test_a_renamed_copy_has_the_shipped_capsules(tmp_path: Path, monkeypatch: py
     assert not [note for note in robot.notes if "capsules" in note]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in range(1, 8))])
 def test_a_link_that_differs_has_a_fit_of_its_own(seed: int, tmp_path: Path) -> None:
     """Add a ball of drawn size to a drawn link: only this link is fitted again, with a note."""
     rng = np.random.default_rng(seed)
