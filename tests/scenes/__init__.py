@@ -1,4 +1,4 @@
-"""What tests and benchmarks both run: stored and drawn problems, stacks of the papers, closed loops and their figures.
+"""Scenes shared by tests and benchmarks: stored and drawn problems, stacks of the papers, closed loops, figures.
 
-It knows hqp alone, and no wheel holds it.
+This folder imports hqp only, and no wheel contains it.
 """

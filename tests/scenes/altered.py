@@ -1,4 +1,4 @@
-"""A solver in Python whose answers a test alters."""
+"""Python solver with answers that a test alters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hqp.solvers.lexicographic import Lexicographic
 
 @dataclass
 class Answers:
-    """Change of every answer, set by a test; None leaves answers as they are."""
+    """Change of every answer, set by a test; None keeps answers unchanged."""
 
     alter: Callable[[Hierarchy, Solution], Solution] | None = None
 
@@ -25,7 +25,7 @@ class AlteredWorkspace:
         self._whole, self._answers = whole, answers
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The altered answer."""
+        """Return the altered answer."""
         found = self._whole.solve(problem)
         return found if self._answers.alter is None else self._answers.alter(problem, found)
 
@@ -36,7 +36,7 @@ class AlteredWorkspace:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Altered(Lexicographic):
-    """The lexicographic solver, asked by Python."""
+    """The lexicographic solver, called from Python."""
 
     answers: Any = None
 

@@ -1,4 +1,4 @@
-"""Changes of stack in a closed loop: a hand added, two levels swapped, a foot released and taken up again."""
+"""Changes of stack in a closed loop: add a hand, swap two levels, release and reattach a foot."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EVENTS = ("add", "swap", "remove", "release", "take up")
 DT, OVER = 0.002, 0.25
 SECOND = int(1.0 / DT)
 LONGEST = 1500
-"""Ticks that a transition may take."""
+"""Largest number of ticks of a transition."""
 
 
 def stack(robot: Robot, level: str) -> Stack:
@@ -51,7 +51,7 @@ def lifted(whole: Stack, robot: Robot) -> Stack:
 
 
 class Loop:
-    """A closed loop on the exact integrator, every command and the time of every tick kept."""
+    """Closed loop on the exact integrator; keeps every command and the time of every tick."""
 
     def __init__(self, robot: Robot, declared: Stack, level: str, deadline: float | None = np.inf) -> None:
         controller = hqp.Controller(declared, formulation(level), deadline=deadline)
@@ -65,7 +65,7 @@ class Loop:
         self.times: list[float] = []
 
     def go(self, ticks: int, goals: Sequence[Reference]) -> list[hqp.Tick]:
-        """Ticks with those references."""
+        """Run ticks with the given references."""
         for _ in range(ticks):
             state = self.robot.state(self.q, self.v)
             begin = thread_time()
@@ -82,13 +82,13 @@ class Loop:
         return np.asarray(np.abs(np.diff(sent, axis=0)).max(axis=1))
 
     def goals(self, over: float) -> list[Reference]:
-        """Of the CoM, that share of the way from between the feet to over the left one, and of the hand if there."""
+        """References of the CoM, a share of the way from between the feet to above the left one, and of the hand."""
         found = [Com(name="com").at((1.0 - over) * self.com + over * self.above)]
         palm = self.robot.landmarks["palms"][1]
         return [*found, Position(frame=palm, name="hand").at(self.hand)] if "hand" in self.run else found
 
     def shift(self, ticks: int = SECOND) -> None:
-        """Take the CoM over the left foot, and wait half a second."""
+        """Move the CoM above the left foot, and wait half a second."""
         for k in range(ticks):
             self.go(1, self.goals(smooth(k / ticks)))
         self.go(SECOND // 2, self.goals(1.0))
@@ -96,12 +96,12 @@ class Loop:
 
 @dataclass
 class Change:
-    """What a change did: largest changes of the command in a tick, before it (a second), in it and after it (0.1 s,
-    when the new stack does what it does).
+    """Effect of a change: largest changes of the command in a tick, before it (a second), in it and after it (0.1 s,
+    with the new stack at work).
 
-    abrupt: the same without easing, in its first tick.  ticks: of the transition.  own: median CPU time of a tick in
-    the transition [s].  old, new: of the quarter of a second before it, and of the ticks that follow the abrupt change,
-    as many as the transition takes.  notes: that a contact cannot be released.
+    abrupt: largest change in the first tick without easing.  ticks: length of the transition.  own: median CPU time of
+    a tick in the transition [s].  old, new: median CPU times in the quarter of a second before it, and in as many ticks
+    after the abrupt change as the transition takes.  notes: contacts that cannot be released.
     """
 
     robot: str
@@ -124,7 +124,7 @@ class Change:
 
     @property
     def calm(self) -> bool:
-        """Whether no tick of it, nor the one after it, changes the command by more than allowed."""
+        """True if no tick of it, nor the one after it, changes the command by more than allowed."""
         return self.during <= self.allowed * (1.0 + 1e-9)
 
     def __str__(self) -> str:
@@ -136,12 +136,12 @@ class Change:
 
     @property
     def ratio(self) -> float:
-        """A tick of the transition in plain ticks, the mean of those of the two stacks."""
+        """Time of a transition tick relative to plain ticks, the mean of both stacks."""
         return 2.0 * self.own / (self.old + self.new)
 
 
 def change(loop: Loop, twin: Loop, level: str, event: str, stack: Stack) -> Change:
-    """Ease into a stack, its twin at once, and half a second more."""
+    """Ease into a stack, switch its twin at once, and run half a second more."""
     over = 1.0 if event in ("release", "take up") else 0.0
     start, goals = len(loop.ticks), loop.goals(over)
     loop.run.change(stack, OVER)
@@ -171,7 +171,7 @@ def change(loop: Loop, twin: Loop, level: str, event: str, stack: Stack) -> Chan
 
 
 def measure(robot: Robot, level: str, events: Sequence[str] = EVENTS) -> list[Change]:
-    """The events in turn, each from where the one before has led."""
+    """Run the events in turn, each from the end of the previous one."""
     whole, found = stack(robot, level), []
     com, hand, trunk, posture = whole.levels
     bare = whole.without("hand")

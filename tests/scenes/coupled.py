@@ -1,4 +1,4 @@
-"""Generated robots whose joints follow others, for tests: chains of links with mimic joints."""
+"""Generated robots with followers for tests: chains of links with mimic joints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Follower:
 
 @dataclass(frozen=True)
 class Coupled:
-    """A robot of joints j0, j1, ..., of which j0 leads, and what follows."""
+    """A robot of joints j0, j1, ..., with leader j0, and the followers."""
 
     robot: hqp.robots.Robot
     followers: tuple[Follower, ...]
@@ -47,7 +47,7 @@ class Coupled:
         return np.array([at[self.robot.joint_name(i)] for i in range(self.robot.nv)])
 
     def off(self, angles: Vec) -> float:
-        """Largest distance of a follower from where its leader puts it [rad or m]."""
+        """Largest coupling error of a follower [rad or m]."""
         at = {self.robot.joint_name(i): float(a) for i, a in enumerate(angles)}
         return max(abs(at[f.joint] - f.ratio * at[f.leader] - f.offset) for f in self.followers)
 

@@ -17,7 +17,7 @@ HZ = 500.0
 
 @dataclass(frozen=True)
 class Roles:
-    """Frames of a humanoid by what the paper does with them."""
+    """Frames of a humanoid by their role in the paper."""
 
     left: str
     right: str
@@ -36,7 +36,7 @@ CBI = Roles(left="l_sole", right="r_sole", hand="r_palm", base="pelvis")
 
 @dataclass(frozen=True, kw_only=True)
 class Gains:
-    """Feedback gains [1/s]; the paper gives none.  foot: None for the formulation's contact law."""
+    """Feedback gains [1/s], not given in the paper.  foot: None for the formulation's contact law."""
 
     cog: float = 2.0
     foot: float | None = None

@@ -1,4 +1,4 @@
-"""Torque ticks whose constraints cannot all hold: feet asked to bear more than the robot weighs, kicks, far hands."""
+"""Torque ticks with conflicting constraints: feet must bear more than the weight, kicks, distant hand targets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.scenes.changes import DT, stack
 
 @dataclass
 class Record:
-    """What a loop has seen: wall and CPU time of its violated ticks [s], their statuses, and what was worse."""
+    """Record of a loop: wall and CPU time of its violated ticks [s], their statuses, and the count of worse answers."""
 
     robot: str
     deadline: str
@@ -31,7 +31,7 @@ class Record:
 
 
 def overloaded(robot: Robot) -> Stack:
-    """The stack of ``changes`` with feet that each have to bear 0.6 times the robot's weight."""
+    """The stack of ``changes`` with a minimum load of 0.6 times the robot's weight on each foot."""
     whole = stack(robot, "torque")
     weight = float(robot.state().mass_matrix()[0, 0]) * float(np.linalg.norm(robot.gravity))
     least = [UnilateralContact(contact=frame, minimum=0.6 * weight) for frame in robot.landmarks["soles"]]
@@ -39,7 +39,7 @@ def overloaded(robot: Robot) -> Stack:
 
 
 def measure(robot: Robot, ticks: int, deadline: float | None, seed: int = 0) -> Record:
-    """A closed loop of so many ticks; what is not violated is not counted."""
+    """Closed loop of ``ticks`` ticks; counts only ticks with violated constraints."""
     found = Record(robot.name, "default" if deadline is None else "none")
     declared, rng = overloaded(robot), np.random.default_rng(seed)
     session = hqp.Controller(declared, formulation("torque"), deadline=deadline).session(robot, DT)
@@ -67,14 +67,14 @@ def measure(robot: Robot, ticks: int, deadline: float | None, seed: int = 0) -> 
         if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
             q, v = tick.advance()
         if not np.isfinite(v).all() or np.abs(v).max() > 20.0 or np.abs(q[:3]).max() > 5.0:
-            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: put up again
+            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: start again
     return found
 
 
 def no_worse(problem: hqp.Hierarchy, x: np.ndarray, last: np.ndarray) -> bool:
-    """Whether the levels of x are lexicographically no worse than those of the last x, clipped into today's box.
+    """Return true if the levels of x are lexicographically no worse than those of the last x, clipped into today's box.
 
-    The first level decides that differs by more than it gives to those below: by ||w|| or by ||w|| + price E(x).
+    The first level whose difference exceeds its concession to lower levels decides: by ||w|| or by ||w|| + price E(x).
     """
     last, motion = problem.boxed(last), problem.motion or Motion(np.ones(problem.n))
     for k, (new, old) in enumerate(zip(problem.slacks(x), problem.slacks(last), strict=True)):

@@ -1,4 +1,4 @@
-"""Random hierarchies of many kinds with random prices, and those whose answers were wrong once."""
+"""Random hierarchies of many kinds with random prices, and problems that once had wrong answers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FOUND = [
     *(("vertex", seed) for seed in (16, 119, 247)),
     ("zero_rows", 200),
 ]
-"""With flat motion: points 1e3 to 1e7 away, zero as the answer, turning that is short beside the rows."""
+"""With flat motion: points 1e3 to 1e7 away, zero as the answer, turning that is short compared with the rows."""
 
 
 OF_A_LOOP = [
@@ -34,18 +34,19 @@ OF_A_LOOP = [
     *(("zero_rows", seed, False) for seed in (145, 201, 1384, 1506, 1799)),
     *(("zero_rows", seed, True) for seed in (1465, 1579)),
 ]
-"""Rows that pull 1e7 times as hard as their level, rows of a level 1e8 apart: off by 1e-6 to 1 and sure of it once.
+"""Rows that pull 1e7 times as hard as their level, rows of a level 1e8 apart: once wrong by 1e-6 to 1 without doubt.
 
 Levels of inequalities that miss by 1e3 to 1e6, whose slacks counted as motion; an anchored level that pulls less than
 1e-8 of the longest row below it, and more than that of the shortest. At the apex the reference, which the certificate
-asks, crept along a row that it left; it lost rows 1e12 shorter than their level's longest, met or not, in the last of
-row_scales and zero_rows; in the many levels a choice left a bound at zero by 1e-9. In the last of
-near_parallel a hard row is missed by 1e-8, by no more than the certificate's tolerance; in the vertex a row is in the
-way of its own release again and again."""
+uses, crept along a row that it left; in the last problems of row_scales and zero_rows it lost rows 1e12 shorter than
+their level's longest, met or not; with many levels a choice left a bound at zero by 1e-9. In the last of near_parallel
+a hard row is missed by 1e-8, by no more than the certificate's tolerance; in the vertex a row blocks its own release
+again and again.
+"""
 
 
 def priced(exact: Hierarchy, rng: Generator, flat: bool) -> Hierarchy:
-    """Random prices and turning on most levels, exact ones between them; motion is weighted at times, or flat."""
+    """Random prices and turning on most levels, exact ones between them; motion is sometimes weighted, or flat."""
     levels = len(exact.levels)
     on = rng.random(levels) < 0.6
     on[rng.integers(levels)] = True
@@ -63,17 +64,17 @@ def priced(exact: Hierarchy, rng: Generator, flat: bool) -> Hierarchy:
 
 
 def is_unsure(solution: Solution) -> bool:
-    """Whether the answer says that rounding may have decided it: it is judged at 1e-6, others at 1e-8."""
+    """Return true if the answer reports doubt by rounding: its tolerance is 1e-6, that of others 1e-8."""
     return solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE
 
 
 def priced_problem(kind: str, seed: int, flat: bool) -> Hierarchy:
-    """The first problem that a kind makes of a seed, with prices."""
+    """First problem of a kind for a seed, with prices."""
     return priced(problem(kind, seed)[0], np.random.default_rng([seed, 7]), flat)
 
 
 def in_a_loop(solver: Solver, kind: str, seed: int, flat: bool) -> tuple[Hierarchy, Solution]:
-    """The same, and its answer as a control loop gets it: whoever has a clock does not ask the certificate."""
+    """Solve a priced problem as in a control loop: with a time limit the solver skips the certificate."""
     case = priced_problem(kind, seed, flat)
     workspace = solver.workspace(case.shape)
     workspace.limit(math.inf)  # type: ignore[attr-defined]

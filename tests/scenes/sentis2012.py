@@ -12,7 +12,7 @@ WHEELS = ("wheel_0", "wheel_1", "wheel_2")
 CONTACTS = tuple(OmniWheelContact(wheel=name) for name in WHEELS)
 COUPLING = JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular")
 HELD = (COUPLING, *CONTACTS)
-"""What acts by a reaction force."""
+"""Elements with a reaction force."""
 
 COM = Com(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=PD(400.0, 40.0), name="com")
 HAND = Position(frame="hand", relative_to="base", heading=True, law=PD(30.0, 11.0), name="hand")
@@ -31,7 +31,7 @@ def paper_stack(
     yaw: Orientation | None = None,
     contacts: Sequence[OmniWheelContact] = CONTACTS,
 ) -> Stack:
-    """Balance, hand, posture; with ``yaw`` a level of its own below balance, which the paper does not have."""
+    """Balance, hand, posture; ``yaw`` adds a level below balance that the paper does not have."""
     levels = [Level(com, name="balance"), Level(hand, name="hand"), Level(posture, name="posture")]
     if yaw is not None:
         levels.insert(1, Level(yaw, name="heading"))

@@ -1,4 +1,4 @@
-"""Random closed loops with everything that goes wrong: NaN, kicks, changes of stack, conflicts, far targets."""
+"""Random closed loops with every disturbance: NaN, kicks, changes of stack, conflicts, distant targets."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ LEVELS = ("velocity", "acceleration", "torque")
 RATES = RateLimits(velocity=60.0, acceleration=2e4, torque=2e4)
 DT = 0.002
 OFTEN = 10
-"""Ticks from one look at the levels above to the next."""
+"""Ticks between two checks of the levels above."""
 STRICT, YIELDING = 1e-6, 1e-2
-"""By how much of its size ||w|| of a level may differ without the levels below: exact or met, and priced and unmet."""
+"""Relative difference allowed in ||w|| of a level without the levels below: exact or met, and priced and unmet."""
 
 
 load = cache(hqp.robots.load)
 
 
 def hand_of(robot: Robot) -> str:
-    """The frame that is sent to targets."""
+    """Frame of the hand."""
     return ARMS.get(robot.name) or robot.landmarks["palms"][1]
 
 
 def feet_of(robot: Robot) -> tuple[str, ...]:
-    """Frames of the soles, none of an arm."""
+    """Frames of the soles, none for an arm."""
     return tuple(robot.landmarks["soles"]) if robot.floating else ()
 
 
 @dataclass
 class Record:
-    """What a soak has seen."""
+    """Record of a soak."""
 
     ticks: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
@@ -69,7 +69,7 @@ class Record:
 
 
 def stacks(robot: Robot, level: str) -> list[Stack]:
-    """Stacks to change between: whole, without the hand, in another order, with a foot pulled where that can be."""
+    """Stacks to change between: whole, without the hand, in another order, with a foot pulled if possible."""
     feet = [FixedContact(frame=sole) for sole in feet_of(robot)]
     limits = [TorqueLimits()] if level == "torque" else [JointLimits()]
     com, hand = Com(name="com"), Position(frame=hand_of(robot), name="hand")
@@ -85,7 +85,7 @@ def stacks(robot: Robot, level: str) -> list[Stack]:
 
 
 def moved(problem: Hierarchy, solution: Solution, levels: int) -> str:
-    """Which of the first levels the others have moved, and how far; "" for none, or where that cannot be told."""
+    """Name the first level that lower levels have moved, with the distance; "" for none or in doubt."""
     parts = {item.name: getattr(problem, item.name) for item in fields(problem)}
     cut = {
         name: x[:levels] for name, x in parts.items() if isinstance(x, np.ndarray) and x.shape == (len(problem.levels),)
@@ -107,7 +107,7 @@ def moved(problem: Hierarchy, solution: Solution, levels: int) -> str:
 def soak(
     robot: Robot, level: str, ticks: int, rng: Generator, record: Record, rates: RateLimits | None = RATES
 ) -> list[bytes]:
-    """One closed loop with events; raises AssertionError for what must never happen, returns the commands.
+    """Closed loop with events; raise AssertionError for impossible results, return the commands.
 
     rates: None for ordinary ticks in one native call.
     """
@@ -140,7 +140,7 @@ def soak(
         elif event == "home":
             q, v, goal = robot.home.copy(), np.zeros(robot.nv), palm.copy()
             given_q, given_v = q, v
-        if "hand" in session:  # in a transition as long as either stack has it
+        if "hand" in session:  # during a transition, as long as either stack has it
             at = np.full(3, np.nan) if event == "nan reference" else goal
             references.append(hand.at(at))
         if event == "conflict" and pulled is not None and "pulled" in session:
@@ -148,7 +148,7 @@ def soak(
         if "com" in session:
             references.append(session.stack.find("com", Com).at(shift))
         state = robot.state(given_q, given_v)
-        begun = thread_time()  # of this thread alone, whatever else the machine does
+        begun = thread_time()  # CPU time of this thread: independent of other load
         tick = session.step(state, *references)
         took = thread_time() - begun
         record.ticks += 1
@@ -176,6 +176,6 @@ def soak(
         if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
             q, v = tick.advance()
         if not np.isfinite(v).all() or np.abs(v).max() > 50.0 or (robot.floating and np.abs(q[:3]).max() > 10.0):
-            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: put up again
+            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: start again
             record.events["fallen"] += 1
     return sent

@@ -1,4 +1,4 @@
-"""Stacks of five robots that a file is compared with Python on."""
+"""Stacks of five robots for comparison of files with Python."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Given = Callable[[int], tuple[hqp.Reference, ...]]
 
 
 def scene(name: str, formulation: str = "velocity", price: float | None = None) -> tuple[hqp.Session, Given]:
-    """A session without a deadline, for a cut answer is none to compare, and the references of its ticks."""
+    """A session without a deadline, because cut answers cannot be compared, and the references of its ticks."""
     robot = hqp.robots.load(name)
     marks = robot.landmarks
     frame = (marks.get("palms") or marks.get("tools") or robot.frame_names[-1:])[-1]

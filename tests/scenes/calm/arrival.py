@@ -1,4 +1,4 @@
-"""Targets within reach must be reached: poses drawn at random, priced levels beside exact ones."""
+"""Targets within reach must be reached: randomly drawn poses, priced levels next to exact ones."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FRAMES = {
     "ur5": "tool0", "panda": "panda_hand_tcp", "xarm7": "link_eef", "kinova": "j2s6s200_end_effector",
     "g1": "right_wrist_yaw_link", "talos": "gripper_right_base_link",
 }  # fmt: skip
-"""Robots and the frames they reach with."""
+"""Robots and the frames of their hands."""
 
 STRAIGHT = {"kinova": math.pi}
 """Angles of a straight arm, 0 for the others."""
@@ -35,23 +35,23 @@ SPEED = 1.0
 """Speed limit of the hand [m/s, rad/s] of every second loop."""
 
 WITHIN = 1e-3
-"""Of the pose, where it counts as reached [m], [rad]."""
+"""Tolerance on the pose [m], [rad]."""
 
 LONGEST = 10.0
 """[s] priced levels have SLACK[0] times the time of exact ones and SLACK[1] more, both at most this."""
 SLACK = 1.5, 0.2
 
 NUDGE, NUDGES = 1e-6, 8
-"""[rad, m] how far joints are moved from where a hand rests, and how often, to tell a saddle from a minimum."""
+"""Displacement of the joints [rad, m] from rest and number of trials, to distinguish a saddle from a minimum."""
 
 FATES = ("later", "saddle", "rest")
-"""What becomes of goals that exact levels alone reach in time."""
+"""Outcomes of goals that exact levels alone reach in time."""
 
 STEPS, STRIDE = 24, 0.5
-"""Parts of a straight way, and how far a joint may go in one of them [rad, m]."""
+"""Parts of a straight path, and the largest displacement of a joint in a part [rad, m]."""
 
 LEAST = 0.995
-"""Share of the goals on a straight way that must be reached."""
+"""Share of the goals on a straight path that must be reached."""
 
 Record = dict[str, Any]
 
@@ -83,7 +83,7 @@ class Case:
 
     @property
     def text(self) -> str:
-        """Period, gains, speed limit and start in words."""
+        """Period, gains, speed limit and start as text."""
         law = self.hand.law
         assert isinstance(law, P)
         limit = f", at most {law.max_velocity:g} m/s" if law.max_velocity < math.inf else ""
@@ -92,7 +92,7 @@ class Case:
 
 
 def case(name: str, seed: int) -> Case:
-    """The case of a seed: gain, period, speed limit, posture and kind of start go through all combinations."""
+    """Case of a seed: gain, period, speed limit, posture and kind of start cover all combinations."""
     rng = np.random.default_rng([seed, sum(name.encode())])
     robot, joints = _chain(name)
     at, singular = seed, seed % 2 == 1
@@ -120,7 +120,7 @@ def case(name: str, seed: int) -> Case:
 
 @cache
 def _chain(name: str) -> tuple[Robot, Any]:
-    """The robot, and the joints of the arm that carries its hand ``(k,)``."""
+    """The robot, and the joints of its hand's arm ``(k,)``."""
     robot = hqp.robots.load(name)
     state = robot.state()
     column = np.abs(state.jacobian(FRAMES[name])).max(axis=0)
@@ -136,14 +136,15 @@ def _placed(robot: Robot, joints: Any, angles: Vec) -> Vec:
 
 
 def arrival(one: Case, variant: Variant, longest: float = LONGEST) -> float:
-    """When the goal was reached [s], inf if it was not."""
+    """Time of arrival at the goal [s], inf if it was not reached."""
     return _carried_out(one, variant, one.start, longest)[1]
 
 
 def fate(one: Case, variant: Variant) -> str:
-    """What becomes of a goal that was not reached in time: reached ``later``, or the hand comes to rest.
+    """Outcome of a goal missed in time: reached ``later``, or the hand comes to rest.
 
-    At a ``saddle`` of its distance it stays for long, and reaches the goal once joints are moved by NUDGE.
+    At a ``saddle`` of its distance the hand rests for long, and reaches the goal after a displacement of the joints by
+    NUDGE.
     """
     q, seconds = _carried_out(one, variant, one.start, LONGEST)
     if seconds < math.inf:
@@ -161,14 +162,14 @@ def fate(one: Case, variant: Variant) -> str:
 
 
 def _carried_out(one: Case, variant: Variant, start: Vec, longest: float) -> tuple[Vec, float]:
-    """Where the robot is in the end, and when the goal was reached [s], inf if it was not."""
+    """Final configuration, and time of arrival at the goal [s], inf if it was not reached."""
     session = variant.of(one.stack, hqp.Velocity()).session(one.robot, one.dt)
     q, v, goals = start.copy(), np.zeros(one.robot.nv), _references(one)
     for k in range(math.ceil(longest / one.dt)):
         if one.off(q) < WITHIN:
             return q, k * one.dt
         q, v = session.step(one.robot.state(q, v), *goals).advance()
-        if not np.abs(v).max() > 1e-9:  # at rest for good
+        if not np.abs(v).max() > 1e-9:  # permanently at rest
             break
     return q, k * one.dt if one.off(q) < WITHIN else math.inf
 
@@ -179,7 +180,7 @@ def _references(one: Case) -> list[Reference]:
 
 
 def joined(one: Case) -> bool:
-    """Whether ``hqp.reach`` follows the straight way to the goal without a leap of a joint."""
+    """Return true if ``hqp.reach`` follows the straight path to the goal without a leap of a joint."""
     robot = one.robot
     first = one.hand.value(robot.state(one.start))
     way, turn = one.goal[:3, 3] - first[:3, 3], robot.log3(one.goal[:3, :3] @ first[:3, :3].T)
@@ -204,7 +205,7 @@ def _exp3(turn: Vec) -> Mat:
 
 
 def measure(name: str, seeds: Sequence[int], variant: Variant) -> Iterator[Record]:
-    """For each seed when exact and priced levels arrive, and whether a straight way leads there."""
+    """Arrival times of exact and priced levels for each seed, and whether a straight path exists."""
     for seed in seeds:
         one = case(name, seed)
         exact = arrival(one, EXACT_LIMITED)
@@ -218,7 +219,7 @@ def measure(name: str, seeds: Sequence[int], variant: Variant) -> Iterator[Recor
 
 
 def misses(records: Sequence[Record]) -> Iterator[str]:
-    """What falls short: fewer goals than exact levels reach, or too few of those on a straight way."""
+    """Shortfalls: fewer goals than with exact levels, or too few goals on a straight path."""
     for name in dict.fromkeys(r["robot"] for r in records):
         own = [r for r in records if r["robot"] == name]
         priced, exact = (sum(r[kind] < math.inf for r in own) for kind in ("priced", "exact"))
@@ -230,7 +231,7 @@ def misses(records: Sequence[Record]) -> Iterator[str]:
 
 
 def table(records: Sequence[Record]) -> str:
-    """A row for each robot; goals on a straight way with and without a speed limit in the law."""
+    """A row for each robot; goals on a straight path with and without a speed limit in the law."""
 
     def count(own: Sequence[Record]) -> str:
         reached = [sum(r[kind] < math.inf for r in own) for kind in ("priced", "exact")]

@@ -1,4 +1,4 @@
-"""Neighbouring problems: how often their answers are far apart, exact levels beside priced ones."""
+"""Neighbouring problems: rate of jumps between their answers, exact levels next to priced ones."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tests.scenes.calm.families import FAMILIES, MOVED, levels, neighbour, probl
 __all__ = ["FAMILIES", "Continuity", "levels", "measure", "neighbour", "pairs", "problem", "table"]
 
 JUMP = 0.01
-"""A change of the answer above this is a jump."""
+"""Threshold of a jump on the change of the answer."""
 
 STEEPEST = 1000.0
-"""Most that the 99th percentile of dx / ddata may be."""
+"""Limit on the 99th percentile of dx / ddata."""
 
 
 @dataclass(frozen=True)
 class Continuity:
-    """Share of jumps and 99th percentile of dx / ddata, exact and priced; failed: answers that are not solved."""
+    """Share of jumps and 99th percentile of dx / ddata, exact and priced; failed: number of unsolved problems."""
 
     family: str
     count: int
@@ -33,7 +33,7 @@ class Continuity:
 
     @property
     def misses(self) -> tuple[str, ...]:
-        """What priced answers miss."""
+        """Missed goals of priced answers."""
         found = [f"{100.0 * self.jumps[1]:.2g} % of neighbours jump"] if self.jumps[1] > 0.0 else []
         found += [f"slope {self.slope[1]:.2g}"] if self.slope[1] > STEEPEST else []
         found += [f"{self.failed} answers are not solved"] if self.failed else []
@@ -49,7 +49,7 @@ def pairs(family: str, seeds: Sequence[int]) -> Iterator[tuple[hqp.Hierarchy, hq
 
 
 def measure(family: str, count: int, solver: Solver | None = None) -> Continuity:
-    """Exact and priced answers of ``count`` pairs of neighbours, ``lexicographic`` for no solver."""
+    """Exact and priced answers of ``count`` pairs of neighbours; default solver ``lexicographic``."""
     plain = hqp.solvers.load("lexicographic")
     solver = solver or plain
     exact, priced, failed = list[float](), list[float](), 0
@@ -64,7 +64,7 @@ def measure(family: str, count: int, solver: Solver | None = None) -> Continuity
 
 
 def table(found: Iterable[Continuity]) -> str:
-    """A row for each family; what misses its goal is bold."""
+    """A row for each family; figures that miss their goal are bold."""
     header = ("family", "pairs", "exact: jumps", "p99 of dx/ddata", "priced: jumps", "p99 of dx/ddata", "not solved")
     rows = []
     for one in found:

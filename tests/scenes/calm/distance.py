@@ -1,4 +1,4 @@
-"""How far a hand stays from a target out of reach, over the least that is possible; and from one that it can reach."""
+"""Distance of a hand from a target out of reach, against the least possible one; and from a target within reach."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tests.scenes.calm.robots import Subject, subject
 from tests.scenes.calm.variants import Variant
 
 AHEAD = {"talos": (0.9, 0.0, 0.0), "g1": (0.7, 0.0, 0.25), "cbi": (0.7, 0.0, 0.25), "ur5": (1.0, 0.0, 0.2)}
-"""Of the target from where the hand starts [m]."""
+"""Displacement of the target from the hand's start [m]."""
 
 ALLOWED = {"talos": 5e-3, "g1": 5e-3, "cbi": 5e-3, "ur5": 1e-3}
-"""Distance over the least that is allowed at the end [m]."""
+"""Allowed excess over the least distance at the end [m]."""
 
 DT, SECONDS = 0.002, 20.0
 
 NEAR = 1e-6
-"""A hand with the gain 1/dt is to be this near to a target within reach after NEAR_SECONDS [m]."""
+"""Distance from a target within reach after NEAR_SECONDS, with the gain 1/dt [m]."""
 NEAR_SECONDS = 3.0
 
 Record = dict[str, Any]
@@ -50,7 +50,7 @@ class Reach:
         return Stack(*levels, Level(Posture(law=P(1.0))), subject_to=[*who.contacts, JointLimits()])
 
     def run(self, variant: Variant, seconds: float) -> tuple[Vec, float]:
-        """Where the robot ends ``(nq,)`` and how far its hand is from the target [m]."""
+        """Final configuration ``(nq,)`` and distance of the hand from the target [m]."""
         robot = self.who.robot
         session = variant.of(self.stack, hqp.Velocity()).session(robot, DT)
         q, v = robot.home.copy(), np.zeros(robot.nv)
@@ -63,7 +63,7 @@ class Reach:
         return float(np.linalg.norm(self.who.robot.state(q).position(self.hand.frame) - self.goal))
 
     def least(self, q: Vec, rounds: int = 12) -> float:
-        """The least distance near q with feet and CoM where they are at home, inside the joint limits [m]."""
+        """Least distance near q with feet and CoM as at home, inside the joint limits [m]."""
         robot, home = self.who.robot, self.who.robot.state(self.who.robot.home)
         feet = [(foot, home.position(foot).copy(), home.rotation(foot).copy()) for foot in self.who.feet]
         com = home.com()[:2].copy()
@@ -84,7 +84,7 @@ class Reach:
             return off, e @ state.jacobian(self.hand.frame)[:3] / off
 
         best = self.off(q)
-        for _ in range(rounds):  # tangent coordinates are those of q
+        for _ in range(rounds):  # tangent coordinates at q
             angles = robot.state(q).angles
             bounds = list(zip(robot.lower - angles, robot.upper - angles, strict=True))
             constraints = [{"type": "eq", "fun": held, "jac": held_rows}] if feet else []
@@ -99,21 +99,21 @@ class Reach:
 
 
 def beyond(name: str) -> Reach:
-    """The robot's hand asked for more than it reaches."""
+    """Reach with a hand target out of reach."""
     who = subject(name)
     hand = Position(frame=who.hands[0], law=P(5.0, max_velocity=0.5), name="hand")
     return Reach(who, hand, who.robot.state(who.robot.home).position(hand.frame) + np.array(AHEAD[name]))
 
 
 def within() -> Reach:
-    """G1's hand with the gain 1/dt asked for a place within its reach."""
+    """Reach of G1's hand with the gain 1/dt and a target within reach."""
     who = subject("g1")
     hand = Position(frame=who.hands[0], law=P(1.0 / DT), name="hand")
     return Reach(who, hand, who.robot.state(who.robot.home).position(hand.frame) + np.array((0.1, 0.0, 0.1)))
 
 
 def measure(names: Sequence[str], variant: Variant, seconds: float = SECONDS) -> Iterator[Record]:
-    """Distances at the end, and the least."""
+    """Distances at the end, and the least ones."""
     for name in names:
         asked = beyond(name)
         q, off = asked.run(variant, seconds)
@@ -127,7 +127,7 @@ def measure(names: Sequence[str], variant: Variant, seconds: float = SECONDS) ->
 
 
 def misses(records: Sequence[Record]) -> Iterator[str]:
-    """Hands that are too far."""
+    """Hands that stay too far away."""
     for r in records:
         if r["off"] - r["least"] > r["allowed"]:
             yield f"{r['robot']}: {1e3 * (r['off'] - r['least']):.3g} mm more than the least"

@@ -1,4 +1,4 @@
-"""Loops drawn at random: robot, rate, gains, tasks and targets, so that calm is not a matter of the chosen scenes."""
+"""Random loops: robot, rate, gains, tasks and targets, so that calm does not depend on selected scenes."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ PERIODS = (0.001, 0.002, 0.002, 0.005, 0.01)
 """[s], drawn from."""
 
 DISTANCES = (0.1, 0.3, 0.6, 1.2)
-"""Of a target from where the hand starts [m], in any direction."""
+"""Distance of a target from the hand's start [m], in any direction."""
 
 ALIKE = 0.05
-"""Share by which the medians of exact and priced levels may differ where the path asks for them."""
+"""Allowed relative difference of the median accelerations of exact and priced levels, for paths that need them."""
 
 Record = dict[str, Any]
 
 
 def scene(seed: int, formulation: str) -> Scene:
-    """The scene of a seed: base and posture have no speed limit, CoM and hands may have one."""
+    """Scene of a seed: base and posture have no speed limit, CoM and hands may have one."""
     rng = np.random.default_rng(seed)
     who = subject(str(rng.choice(ROBOTS)))
     dt, speed = float(rng.choice(PERIODS)), None if rng.random() < 0.5 else 0.5
@@ -69,7 +69,7 @@ def scene(seed: int, formulation: str) -> Scene:
 def loops(
     formulation: str, seeds: Sequence[int], variant: Variant = PRICED, draw: Callable[[int, str], Scene] = scene
 ) -> Iterator[Record]:
-    """Figures and misses of each seed; a change of command may be as many times 500 Hz' as the period is 2 ms'."""
+    """Figures and misses of each seed; limits on changes of command scale with the period over 2 ms."""
     for seed in seeds:
         drawn = draw(seed, formulation)
         found = figures(run(drawn, variant, round(SECONDS / drawn.dt)))
@@ -83,13 +83,13 @@ def loops(
 
 
 def _asks(drawn: Scene, median: float) -> bool:
-    """Whether the path asks for such a median acceleration: that of the exact answer is the same."""
+    """Return true if the exact answer has the same median acceleration: the path needs it."""
     exact = figures(run(drawn, EXACT, round(SECONDS / drawn.dt)))
     return abs(float(exact["acceleration_p50"]) - median) <= ALIKE * median
 
 
 def table(records: Sequence[Record]) -> str:
-    """A row for each formulation: how many loops, how many miss which goal, and what their ticks ended in."""
+    """A row for each formulation: number of loops, misses by goal, and statuses of their ticks."""
     rows = []
     for formulation in dict.fromkeys(r["formulation"] for r in records):
         own = [r for r in records if r["formulation"] == formulation]

@@ -1,4 +1,4 @@
-"""Families of random hierarchies with the faults that a family is named after, and their neighbours.
+"""Families of random hierarchies with the fault in their name, and their neighbours.
 
 A box, levels of a few rows with a price, a posture on every variable.
 """
@@ -29,7 +29,7 @@ FAMILIES = {
     "flat": "two directions cost no motion, targets out of reach",
     "deep": "four levels out of reach, of small singular values by chance",
 }
-"""What is special about each."""
+"""Description of each family."""
 
 HARD = ("hard", "hard, small")
 FAR = ("beyond", "hard", "hard, small", "kinds", "inequalities", "flat", "deep")
@@ -38,16 +38,16 @@ PRICE, SIZE = 0.1, 1.0
 """c_k and L_k of every level."""
 
 DT = 0.002
-"""[s] of the ticks in which rows turn."""
+"""Period of the ticks in which rows turn [s]."""
 
 MOVED = 1e-6
-"""Standard deviation by which all data are moved."""
+"""Standard deviation of the change of all data."""
 
 
 def levels(rng: Generator, family: str, inequalities: bool = True) -> list[Rows]:
     """Random levels of a family: a box, [hard rows,] levels of a few rows, a posture on every variable.
 
-    inequalities: with the box, and now and then a bound in place of a target.
+    inequalities: with the box, and sometimes a bound instead of a target.
     """
     n = int(rng.integers(4, 9))
     found: list[Rows] = []
@@ -89,7 +89,7 @@ def _small(rng: Generator, A: Mat) -> Mat:
 
 
 def problem(rng: Generator, family: str) -> Hierarchy:
-    """A random hierarchy of a family, its levels but the box, hard rows and the posture with a price."""
+    """Random hierarchy of a family; its levels have prices, except box, hard rows and posture."""
     found = levels(rng, family)
     n, hard = found[-1].m, 2 if family in HARD else 1
     prices = np.array([0.0] * hard + [PRICE] * (len(found) - hard - 1) + [0.0])
@@ -98,13 +98,13 @@ def problem(rng: Generator, family: str) -> Hierarchy:
 
 
 def priced(found: list[Rows], prices: Mat, hard: int, motion: Motion | None, size: float = SIZE) -> Hierarchy:
-    """A hierarchy with the turning of velocities in ticks of DT; L_k = size."""
+    """Hierarchy with the turning of velocities in ticks of DT; L_k = size."""
     turning = np.divide(1.0 / (TURNING[1] * ETA * size**2), prices, out=np.zeros(len(prices)), where=prices > 0.0)
     return Hierarchy(tuple(found), constraints=hard, prices=prices, motion=motion, turning=turning)
 
 
 def neighbour(problem: Hierarchy, rng: Generator) -> Hierarchy:
-    """The same with all data but the box and the posture moved a little."""
+    """Change all data slightly, except the box and the posture."""
     moved = list(problem.levels)
     for k in range(1, len(moved) - 1):
         rows = moved[k]

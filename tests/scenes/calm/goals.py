@@ -1,4 +1,4 @@
-"""What a calm controller is held to, by formulation."""
+"""Goals of a calm controller, by formulation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Figures = Mapping[str, float | str]
 
 @dataclass(frozen=True)
 class Goal:
-    """Most that a figure may be; share: of the joint's limit, where that is more."""
+    """Largest allowed value of a figure; share: part of the joint's limit, if larger."""
 
     figure: str
     most: float
@@ -34,13 +34,13 @@ GOALS: Mapping[str, tuple[Goal, ...]] = {
 """Largest change of a command in a tick, reversals a second, joint accelerations, levels above the hand."""
 
 PROMISES = frozenset({"above", "error", "com", "over", "load"})
-"""Figures whose miss is a failure: levels above, tracking within reach, balance, limits and loads are promised."""
+"""Promised figures, whose miss is a failure: levels above, tracking within reach, balance, limits and loads."""
 
 LOSS, OFFSET = 1.01, 1e-4
-"""Within reach the error may be this times the exact one, or this much more [m]."""
+"""Within reach the error may be this factor times the exact one, or exceed it by this offset [m]."""
 
 WALKING = (Goal("com", 1e-3), Goal("over", 1e-9), Goal("tick_max", 2000.0))
-"""The walking hand: CoM [m], position limits [rad], worst tick [us]; loads are asked to be positive besides."""
+"""Goals of the walking hand: CoM [m], position limits [rad], worst tick [us]; loads must be positive as well."""
 
 
 def misses(formulation: str, figures: Figures) -> Iterator[str]:
@@ -52,7 +52,7 @@ def misses(formulation: str, figures: Figures) -> Iterator[str]:
 
 
 def walking_misses(figures: Figures) -> Iterator[str]:
-    """The same for a walking hand."""
+    """Names of the figures of a walking hand that miss their goal."""
     for goal in WALKING:
         if float(figures[goal.figure]) > goal.most:
             yield goal.figure
@@ -61,5 +61,5 @@ def walking_misses(figures: Figures) -> Iterator[str]:
 
 
 def loses(priced: Figures, exact: Figures) -> bool:
-    """Whether a scene within reach is tracked worse than the exact problem does."""
+    """Return true if the exact problem tracks a scene within reach better."""
     return float(priced["error"]) > max(LOSS * float(exact["error"]), float(exact["error"]) + OFFSET)

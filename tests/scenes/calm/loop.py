@@ -1,4 +1,4 @@
-"""One closed loop on the exact integrator, and the figures that tell whether a body could live with it."""
+"""A closed loop on the exact integrator, and figures of its calm."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from tests.scenes.calm.scenes import FORMULATIONS, Scene
 from tests.scenes.calm.variants import Variant
 
 NOTICEABLE = 1e-3
-"""A change of a command counts as one above this share of the joint's limit."""
+"""Threshold of a change of command, as a share of the joint's limit."""
 
 
 @dataclass(eq=False)
 class Run:
-    """What one loop gave, a row or a number a tick.
+    """Record of a loop, a row or a number per tick.
 
-    commands, accelerations ``(ticks, k)`` of the actuated joints.  error: distance of the tracked frame from its
-    goal [m]; above: largest residual of the levels above it [of their rows]; contact, com: how far a foot and the
-    CoM are from where they were [m]; over: how far a joint is beyond its position limit [rad, m]; load: least
-    vertical force on a contact [N]; times: CPU time of a step [s].  statuses: how many ticks ended in which.
-    scale: of each command, its limit.
+    commands, accelerations ``(ticks, k)`` of the actuated joints.  error: distance of the tracked frame from its goal
+    [m]; above: largest residual of the levels above it [of their rows]; contact, com: displacement of a foot and the
+    CoM [m]; over: excess of a joint over its position limit [rad, m]; load: least vertical force on a contact [N];
+    times: CPU time of a step [s].  statuses: ticks by status.  scale: limit of each command.
     """
 
     scene: Scene
@@ -45,14 +44,14 @@ class Run:
 
     @classmethod
     def empty(cls, scene: Scene, ticks: int) -> Run:
-        """A run to fill."""
+        """An empty run."""
         k = len(scene.subject.robot.joint_names)
         numbers = (np.zeros(ticks) for _ in range(7))
         return cls(scene, np.zeros((ticks, k)), np.zeros((ticks, k)), *numbers, {}, limits(scene))
 
 
 def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
-    """Carry the commands out exactly for ``ticks`` periods."""
+    """Execute the commands exactly for ``ticks`` periods."""
     who, robot = scene.subject, scene.subject.robot
     session = variant.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, scene.dt)
     feet = who.feet
@@ -90,7 +89,7 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
             data.above[i] = max((float(np.abs(w).max(initial=0.0)) for w in rows), default=0.0)
         try:
             q, v_next = tick.advance()
-        except StaleState:  # no dynamics at such a state: it has fallen, the rest stays zero
+        except StaleState:  # no dynamics at such a state: the robot has fallen, the rest stays zero
             data.com[i:] = math.inf
             break
         data.accelerations[i] = (v_next - v)[joints] / scene.dt
@@ -99,7 +98,7 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
 
 
 def limits(scene: Scene) -> Vec:
-    """The largest command of each joint, for what is noticeable [rad/s, rad/s^2 or N m]."""
+    """Largest command of each joint, the scale of noticeable changes [rad/s, rad/s^2 or N m]."""
     robot = scene.subject.robot
     if scene.formulation == "velocity":
         limit = robot.velocity_limit[robot.actuated]
@@ -112,7 +111,7 @@ def limits(scene: Scene) -> Vec:
 
 
 def figures(data: Run) -> dict[str, float | str]:
-    """The figures of a run over its second half: jumps, reversals, accelerations, errors [SI], times [us]."""
+    """Figures of a run over its second half: jumps, reversals, accelerations, errors [SI], times [us]."""
     half = data.commands.shape[0] // 2
     change = np.diff(data.commands[half:], axis=0)
     size, seconds = data.scale * NOTICEABLE, (data.commands.shape[0] - half) * data.scene.dt

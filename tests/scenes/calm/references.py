@@ -1,4 +1,4 @@
-"""What references do on a real robot: they come at 30 Hz, jump, or stay out for a while."""
+"""Disturbed references as on a real robot: at 30 Hz, with jumps, or missing for a while."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from tests.scenes.calm.drawn import scene
 from tests.scenes.calm.scenes import Scene, Targets
 
 FRAMES = 30.0
-"""References a second of a camera, held in between."""
+"""Camera frames per second; references are held in between."""
 
 JUMP, EVERY = 0.2, 0.5
-"""Every so many seconds [s] the target jumps this far [m]."""
+"""Length [m] and period [s] of jumps of the target."""
 
 OUT, OF = 0.2, 0.7
 """References are missing for OUT of every OF seconds."""
 
 
 def sampled(targets: Targets, seed: int) -> Targets:
-    """At 30 Hz, held."""
+    """Sample at 30 Hz and hold."""
     return lambda t: targets(math.floor(t * FRAMES) / FRAMES)
 
 
 def jumping(targets: Targets, seed: int) -> Targets:
-    """Moved to another place of a ball every half second."""
+    """Move the target within a ball every half second."""
     offsets = np.random.default_rng(seed).standard_normal((100, 3))
     offsets *= JUMP / np.linalg.norm(offsets, axis=1, keepdims=True)
 
@@ -39,7 +39,7 @@ def jumping(targets: Targets, seed: int) -> Targets:
 
 
 def dropping(targets: Targets, seed: int) -> Targets:
-    """None in the last part of every period."""
+    """Drop references in the last part of every period."""
     return lambda t: targets(t) if t % OF < OF - OUT else ()
 
 
@@ -49,7 +49,7 @@ DISTURBED: Mapping[str, Callable[[Targets, int], Targets]] = {
 
 
 def disturbed(kind: str, seed: int, formulation: str) -> Scene:
-    """The drawn loop of a seed with its references disturbed."""
+    """The drawn loop of a seed with disturbed references."""
     drawn = scene(seed, formulation)
     return replace(drawn, name=f"{drawn.name}, {kind}", targets=DISTURBED[kind](drawn.targets, seed))
 

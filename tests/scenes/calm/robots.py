@@ -1,4 +1,4 @@
-"""Robots for closed loops: what they stand on, what they reach with, where they start."""
+"""Robots for closed loops: contacts, hands, and start configurations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROBOTS = (*HUMANOIDS, *ARMS, *OTHERS)
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A robot with its contacts, the frames it reaches with, its base and the direction it reaches in ``(3,)``."""
+    """A robot with its contacts, the frames of its hands, its base and the direction of reaching ``(3,)``."""
 
     robot: Robot
     contacts: tuple[Element, ...]
@@ -36,7 +36,7 @@ class Subject:
         return tuple(getattr(contact, "frame", "") for contact in self.contacts)
 
 
-_ARMS = {  # frame to reach with, start
+_ARMS = {  # hand frame, start
     "ur5": ("tool0", (0.0, -1.0, 1.4, -0.4, 1.57, 0.0)),
     "panda": ("panda_hand_tcp", None),
     "tiago": ("arm_tool_link", (0.15, 0.2, -0.4, -0.5, 1.6, -1.3, 0.6, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0)),
@@ -49,7 +49,7 @@ _QUADRUPEDS = {  # three feet on the ground, one that reaches, base
 
 @cache
 def subject(name: str) -> Subject:
-    """A robot by catalogue name: arms are fixed to the world, quadrupeds stand on three feet and reach with one."""
+    """Robot by catalogue name: arms are fixed to the world, quadrupeds stand on three feet and reach with one."""
     ahead = np.array((1.0, 0.0, 0.0))
     if name in _ARMS:
         frame, start = _ARMS[name]

@@ -1,4 +1,4 @@
-"""Scenes of closed loops: the default stack and where its hand is asked to go."""
+"""Scenes of closed loops: the default stack and the targets of its hand."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPEED = 0.4
 """Fastest approach of the laws [m/s, rad/s]."""
 
 RADIUS, RATE = 0.1, 3.0
-"""Of the circles [m, rad/s]."""
+"""Circles of the targets [m, rad/s]."""
 
 FORMULATIONS: Mapping[str, Formulation] = {
     "velocity": hqp.Velocity(),
@@ -42,7 +42,7 @@ Targets = Callable[[float], tuple[Reference, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class _Wall(Inequality):
-    """The origin of a frame stays on this side of a plane: n . p <= offset, one row [m]."""
+    """Keep the origin of a frame on one side of a plane: n . p <= offset, one row [m]."""
 
     frame: str
     normal: tuple[float, float, float]
@@ -57,7 +57,7 @@ class _Wall(Inequality):
         return (np.array(self.normal) @ state.jacobian(self.frame)[:3])[None]
 
     def bounds(self, state: State) -> tuple[float, float]:
-        """The way left to the plane."""
+        """Distance from the plane."""
         return -math.inf, self.offset - float(np.array(self.normal) @ state.position(self.frame))
 
     def drift(self, state: State) -> Vec:
@@ -69,8 +69,8 @@ class _Wall(Inequality):
 class Scene:
     """A stack on a robot and the references of its hands over time.
 
-    tracked: the task whose error is told, its reference the first.  above: elements of levels above it.  within:
-    whether it can be reached.  dt: period [s].
+    tracked: the task with the reported error, its reference the first.  above: elements of levels above it.  within:
+    true if it can be reached.  dt: period [s].
     """
 
     name: str
@@ -109,7 +109,7 @@ def default_stack(who: Subject, formulation: str, limits: Mapping[str, Any], *mi
 
 @cache
 def reach(name: str, hand: int = 0) -> float:
-    """How far ahead of its start a hand gets in this stack [m]: run with weighted sums, then read off."""
+    """Reach of a hand ahead of its start in this stack [m], measured in a run with weighted sums."""
     who = subject(name)
     stack = default_stack(
         who, "velocity", {}, Level(Position(frame=who.hands[hand], law=P(5.0, max_velocity=1.0), name="hand"))
@@ -124,13 +124,13 @@ def reach(name: str, hand: int = 0) -> float:
 
 
 def still(task: Position, place: Vec) -> Targets:
-    """A step at t = 0 to a place that stays."""
+    """A step at t = 0 to a fixed place."""
     goal = (task.at(place),)
     return lambda t: goal
 
 
 def circle(task: Position, centre: Vec) -> Targets:
-    """A circle around a place, upright and across the way ahead, with its velocity and acceleration."""
+    """A circle around a place, vertical and across the reaching direction, with its velocity and acceleration."""
     y, z = np.array((0.0, RADIUS, 0.0)), np.array((0.0, 0.0, RADIUS))
 
     def at(t: float) -> tuple[Reference, ...]:
@@ -142,7 +142,7 @@ def circle(task: Position, centre: Vec) -> Targets:
 
 
 def both(*goals: Targets) -> Targets:
-    """The references of several."""
+    """References of several targets."""
     return lambda t: tuple(reference for goal in goals for reference in goal(t))
 
 
@@ -205,7 +205,7 @@ def scenes(name: str, formulation: str, limits: Mapping[str, Any]) -> dict[str, 
 
 
 def knee(formulation: str, limits: Mapping[str, Any]) -> Scene:
-    """Talos, a reachable hand with a posture of its arm below it: the base gains little by flinging the other arm."""
+    """Talos, a reachable hand and a posture of its arm below: the base gains little if the other arm swings."""
     who = subject("talos")
     task = Position(frame=who.hands[0], law=law(formulation, 5.0), name="hand")
     arm = [joint for joint in who.robot.groups["arms"] if "right" in joint]

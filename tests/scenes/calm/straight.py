@@ -1,4 +1,4 @@
-"""Nearly straight arms whose target lies on their line: the direction to it is lost but for the bend."""
+"""Nearly straight arms with a target on their line: only the bend gives the direction to it."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ AXES = {2: "zz", 3: "zzz", 6: "zyyxyx", 7: "zyxyxyx"}
 """Axes of the joints from the base on; the arm lies along x."""
 
 BENDS = (1e-2, 1e-3, 1e-4)
-"""[rad] of every joint that turns across the arm, with alternating signs."""
+"""Angle of every joint that turns across the arm, with alternating signs [rad]."""
 
 DISTANCES = (0.6, 0.9)
-"""Of the target from the base on the line of the arm, in lengths of the arm; 1 is its tip."""
+"""Distance of the target from the base along the arm, in arm lengths; the tip is at 1."""
 
 GAINS = (5.0, 1.0)
-"""Of hand and posture [1/s]."""
+"""Gains of hand and posture [1/s]."""
 
 DT, LONGEST, WITHIN = 0.002, 15.0, 1e-3
 """Period [s], time allowed [s], distance that counts as arrived [m]."""
@@ -66,7 +66,7 @@ def bent(joints: int, bend: float) -> Vec:
 
 
 def arrival(formulation: str, joints: int, bend: float, distance: float, variant: Variant) -> tuple[float, float]:
-    """When the hand is there [s], inf for never, and how far it ends from its target [m]."""
+    """Arrival time of the hand [s], inf for never, and its final distance from the target [m]."""
 
     def law(gain: float) -> Law:
         return P(gain) if formulation == "velocity" else PD(gain * gain, 2.0 * gain)
@@ -87,7 +87,7 @@ def arrival(formulation: str, joints: int, bend: float, distance: float, variant
 
 
 def measure(formulation: str, joints: Sequence[int], variant: Variant) -> Iterator[Record]:
-    """For each bend and distance, when the hand arrives."""
+    """Arrival times of the hand for each bend and distance."""
     for n in joints:
         for bend in BENDS:
             for distance in DISTANCES:
@@ -107,7 +107,7 @@ def misses(records: Sequence[Record]) -> Iterator[str]:
 
 
 def table(records: Sequence[Record]) -> str:
-    """A row for each arm and formulation, seconds to 1 mm; an arm that does not arrive is told by its distance."""
+    """A row for each arm and formulation, seconds to 1 mm; for an arm that does not arrive, its distance."""
 
     def cell(r: Record) -> str:
         return f"{r['time']:.2f}" if r["time"] < math.inf else f"**{1e3 * r['off']:.0f} mm off**"

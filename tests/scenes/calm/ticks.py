@@ -1,4 +1,4 @@
-"""Ticks of closed loops as problems: each with what the solver of the loop answered."""
+"""Ticks of closed loops as problems with the answers of the loop's solver."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLACES = ("within", "edge", "beyond", "circle edge", "circle beyond", "wall", "c
 
 @dataclass(frozen=True, eq=False)
 class Answered:
-    """One tick: a copy of its problem, its solution, and where it is from."""
+    """One tick: a copy of its problem, its solution, and its origin."""
 
     name: str
     problem: Hierarchy
@@ -28,7 +28,7 @@ class Answered:
 def drawn(
     rng: np.random.Generator, robot: str, formulation: str, place: str, count: int, ticks: int
 ) -> Iterator[Answered]:
-    """So many of the first ``ticks`` ticks of a scene, those that were solved."""
+    """Random solved ticks among the first ``ticks`` of a scene, at most ``count``."""
     scene = scenes(robot, formulation, {})[place]()
     model = scene.subject.robot
     session = PRICED.of(scene.stack, FORMULATIONS[formulation]).session(model, scene.dt)

@@ -1,4 +1,4 @@
-"""How a scene is solved: by which solver, with prices or without, with which limits and which numbers of the law."""
+"""Variants of a scene: solver, prices, limits, and numbers of the law."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hqp.solvers.base import Solver
 
 @dataclass(frozen=True)
 class Variant:
-    """How a scene is solved: solver, whether levels have their default prices, and the limits' two numbers."""
+    """Variant of a scene: solver, default prices or none, and the limits' two numbers."""
 
     name: str
     solver: str | Solver = "lexicographic"
@@ -33,7 +33,7 @@ class Variant:
         return {} if self.default else {"acceleration": self.window, "braking": self.braking}
 
     def of(self, stack: Stack, formulation: Formulation) -> hqp.Controller:
-        """The controller of a stack; no deadline, so that figures do not depend on the machine."""
+        """Controller of a stack; no deadline, so that figures do not depend on the machine."""
         price = hqp.Price() if self.priced and self.solver != "weighted" else 0
         return hqp.Controller(stack, formulation, solver=self.solver, price=price, deadline=math.inf)
 
@@ -54,7 +54,7 @@ VARIANTS = {
 
 
 def solver_of(text: str) -> str | Solver:
-    """A solver by its name in hqp, or made by ``module:name(option=number, ...)``."""
+    """Solver by its name in hqp, or by ``module:name(option=number, ...)``."""
     module, colon, call = text.partition(":")
     if not colon or "cascade" in module:
         return text
@@ -71,7 +71,7 @@ def solver_of(text: str) -> str | Solver:
 
 @contextmanager
 def changed(numbers: Mapping[str, Any]) -> Iterator[None]:
-    """Other values for constants ``module.NAME``, or single entries ``module.NAME[key]`` of a table, for a while."""
+    """Set constants ``module.NAME``, or single entries ``module.NAME[key]`` of a table, for a while."""
     before: list[tuple[Any, str, Any]] = []
     try:
         for path, value in numbers.items():

@@ -1,4 +1,4 @@
-"""Distances of the file's own collision shapes by coal: the judge of what the capsules keep apart."""
+"""Distances of the file's own collision shapes by coal: a judge of the capsules."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hqp.tasks.meshes import read
 
 
 class Original:
-    """The shapes of a robot's bodies and of an element's world, as coal has them."""
+    """Shapes of a robot's bodies and of an element's world in coal."""
 
     def __init__(self, avoid: CollisionAvoidance, robot: Any) -> None:
         self._scene, self._robot, self._avoid = scene(avoid, robot), robot, avoid
@@ -28,7 +28,7 @@ class Original:
         self._world = [_coal(shape) for shape in avoid.world]
 
     def margin(self, near: Iterable[Near | None]) -> float:
-        """Least distance less clearance of the pairs near each other, as of the robot's current state [m]."""
+        """Least distance minus clearance of the near pairs at the robot's current state [m]."""
         least: dict[tuple[int, int, int], float] = {}
         for found in near:
             if found is None:

@@ -1,4 +1,4 @@
-"""Scenes in which a hand is blocked: by the torso, by a table, by the other hand; and one that starts inside."""
+"""Scenes with a blocked hand: by the torso, a table, the other hand; and one that starts inside."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from tests.scenes.calm.variants import PRICED
 from tests.scenes.collision.original import Original
 
 TORSO = {"talos": "torso_2_link", "g1": "torso_link", "cbi": "chest", "panda": "panda_link1"}
-"""Links that the hand is sent into."""
+"""Links that block the hand."""
 WALK, STAY = 1.5, 1.5
-"""The goal walks to its place, then stays there [s]."""
+"""Times of the goal's motion and of its rest [s]."""
 DEPTH = 0.15
-"""How far below the table's top the hand is sent [m]."""
+"""Depth of the goal below the table's top [m]."""
 THICK = 0.3
-"""The table is a block, which no hand gets around [m]."""
+"""Thickness of the table: a block that no hand passes [m]."""
 INSIDE = 0.08
-"""Radius of the ball that a hand starts in [m]."""
+"""Radius of the ball around a hand's start [m]."""
 
 
 @dataclass(frozen=True)
 class Blocked:
-    """A scene, its collision avoidance, and what moves in its world."""
+    """A scene, its collision avoidance, and the moving bodies of its world."""
 
     scene: Scene
     avoid: CollisionAvoidance
@@ -42,9 +42,9 @@ class Blocked:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A run, and by tick the smallest distance less clearance of any pair, and of what the hand touches [m].
+    """A run, and by tick the least distance minus clearance of any pair, with the name of the pair [m].
 
-    surface: the same of the file's own shapes by coal, the least of the ticks looked at [m].
+    surface: least value for the file's own shapes by coal, over the inspected ticks [m].
     """
 
     run: Run
@@ -53,7 +53,7 @@ class Outcome:
     surface: float = math.inf
 
     def figures(self) -> dict[str, float | str]:
-        """Those of a calm loop, with the least margin [m] and the fastest way out of a collision [m/s]."""
+        """Figures of a calm loop, with the least margin [m] and the fastest exit from a collision [m/s]."""
         inside = np.flatnonzero(self.margin[:-1] < -1e-4)
         out = (self.margin[inside + 1] - self.margin[inside]) / DT
         return {
@@ -113,13 +113,13 @@ def _blocked(
 def run(
     blocked: Blocked, ticks: int = round((WALK + STAY) / DT), every: int = 1, coal_every: int | None = None
 ) -> Outcome:
-    """Carry the commands out exactly for ``ticks`` periods; distances are looked at in each ``every``-th.
+    """Execute the commands exactly for ``ticks`` periods; compute distances in each ``every``-th.
 
-    coal_every: and those of the file's own shapes, by coal, in each ``coal_every``-th, which must be a multiple.
+    coal_every: compute distances of the file's own shapes by coal in each ``coal_every``-th, a multiple of ``every``.
     """
     scene, avoid = blocked.scene, blocked.avoid
     robot = scene.subject.robot
-    twin = robot.copy()  # whose slots are its own
+    twin = robot.copy()  # it has its own slots
     session = PRICED.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
     data, margin, names = Run.empty(scene, ticks), np.full(ticks, math.inf), [""] * ticks
     q, v = robot.home.copy(), np.zeros(robot.nv)

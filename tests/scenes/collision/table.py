@@ -1,4 +1,4 @@
-"""CBi and Panda in MuJoCo: a hand goes from below a table's edge to a place above the top, and touches nothing."""
+"""CBi and Panda in MuJoCo: a hand moves from below a table's edge to a place above the top without contact."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from tests.scenes.calm.robots import subject
 from tests.scenes.calm.scenes import DT, default_stack
 
 EDGE, THICK, TOP = 0.12, 0.04, 0.25
-"""The table's edge is this far ahead of the hand's start, its top so thick, the goal this far above the start [m]."""
+"""Distance of the table's edge ahead of the hand's start, thickness of the top, height of goal above start [m]."""
 CLEARANCE = 0.02
 TOUCHES_TABLE = 4
-"""A bit of MuJoCo's contact masks."""
+"""Bit of MuJoCo's contact masks."""
 AHEAD = {"cbi": 0.2, "panda": 0.22}
-"""How far ahead of the start the goal is [m]."""
+"""Distance of the goal ahead of the start [m]."""
 
 
 @dataclass(frozen=True)
 class Around:
-    """error: of the hand at the end [m].  touched: pairs of geoms in contact on the way, the ground's aside.
+    """error: distance of the hand at the end [m].  touched: pairs of geoms in contact on the way, without the ground's.
 
     nearest: the least distance of a geom of the robot to the table [m].  com: largest error of the CoM [m].
     """
@@ -37,7 +37,7 @@ class Around:
 
 
 def around(name: str, *, avoid: bool = True, seconds: float = 5.0) -> Around:
-    """Commands are integrated and sent to stiff servos, rows are evaluated at the measured state."""
+    """Integrate commands and send them to stiff servos; evaluate rows at the measured state."""
     import mujoco
 
     from hqp.robots.on_mujoco import Plane, Plant, Servo
@@ -56,7 +56,7 @@ def around(name: str, *, avoid: bool = True, seconds: float = 5.0) -> Around:
 
     def edit(spec: Any) -> None:
         for geom in spec.geoms:
-            geom.conaffinity |= TOUCHES_TABLE  # our own models draw most links only
+            geom.conaffinity |= TOUCHES_TABLE  # most links of the project's models are visual only
         spec.worldbody.add_geom(
             name="table",
             contype=1 | TOUCHES_TABLE,
@@ -73,7 +73,7 @@ def around(name: str, *, avoid: bool = True, seconds: float = 5.0) -> Around:
         home[robot.positions(robot.joints(["panda_finger_joint1", "panda_finger_joint2"]))] = 0.02  # else they touch
     q, v = plant.reset(home)
     places = robot.positions(robot.actuated)
-    assert places is not None  # neither has a joint that turns without end
+    assert places is not None  # neither has a continuous joint
     command, centre = q[places].copy(), plant.com()[:2].copy()
     touched: set[tuple[str, str]] = set()
     nearest, off = np.inf, 0.0
@@ -93,7 +93,7 @@ def around(name: str, *, avoid: bool = True, seconds: float = 5.0) -> Around:
 
 
 def _solid(model: Any, geom: int) -> bool:
-    """Whether a geom of a moving body touches anything."""
+    """Return true if a geom of a moving body can collide."""
     return (
         bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         and int(model.body_weldid[model.geom_bodyid[geom]]) > 0
@@ -107,7 +107,7 @@ def _distance(plant: Any, one: int, two: int) -> float:
 
 
 def _touching(model: Any, data: Any) -> set[tuple[str, str]]:
-    """Names of geoms, or of their bodies, in contact; with the ground none counts."""
+    """Names of geoms, or of their bodies, in contact; contacts with the ground are ignored."""
     found = set()
     for contact in data.contact:
         pair: list[Vec | str] = []
