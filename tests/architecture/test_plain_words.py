@@ -41,13 +41,10 @@ CEILINGS = {
     "tests/benchmarks": (85, 100, 15, 10),
     "tests/damage": (30, 190, 15, 10),
     "tests/docs": (30, 265, 15, 10),
-    "tests/export": (100, 100, 85, 10),
     "tests/invariance": (30, 20, 85, 10),
     "tests/mutation": (130, 20, 15, 10),
     "tests/properties": (105, 170, 15, 65),
-    "tests/scenes": (110, 70, 50, 40),
     "tests/teleoperation": (130, 115, 15, 100),
-    "tests/torque": (30, 90, 60, 10),
     "tests/viewer": (30, 200, 15, 10),
     "tests/walking": (30, 105, 15, 130),
 }  # fmt: skip

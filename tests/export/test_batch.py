@@ -1,4 +1,4 @@
-"""Many worlds at once: each as if it were alone, whatever the threads."""
+"""Batches of many worlds: each world is independent of the others and of the number of threads."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNT = 40
 
 
 def run(session: hqp.Session, threads: int, ticks: int = 12) -> list[tuple[np.ndarray, np.ndarray]]:
-    """x and status of all ticks; a world's state goes wrong, and another one begins anew."""
+    """x and status of all ticks; one world gets an invalid state, another one is reset."""
     robot = session.robot
     batch = hqp.Batch(session.controller, robot, COUNT, session.dt, threads=threads)
     rng = np.random.default_rng(0)

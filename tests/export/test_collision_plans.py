@@ -1,4 +1,4 @@
-"""Live sessions, files and batches keep the same distances past links and shapes: the same commands."""
+"""Live sessions, files and batches avoid links and shapes with identical commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HANDS = {"panda": "panda_hand_tcp", "ur5": "tool0", "kinova": "j2s6s200_end_effe
 
 
 def blocked(name: str, formulation: str, seed: int) -> tuple[Any, Any, Any, Any]:
-    """A session whose hand is sent behind a ball and a box at drawn places beside its way, and its references."""
+    """A session with a hand target behind a ball and a box at drawn places beside its way, and its references."""
     robot, rng = hqp.robots.load(name, floating=False), np.random.default_rng(seed)
     law = P(5.0) if formulation == "velocity" else PD(25.0, 10.0)
     frame = HANDS.get(name) if HANDS.get(name) in robot.frame_names else robot.landmarks["palms"][0]

@@ -1,4 +1,4 @@
-"""What steps exported plans needs no package but NumPy: a robot's computer installs hqp without its dependencies."""
+"""Exported plans run with NumPy alone: a robot's computer installs hqp without its dependencies."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def bare(tmp_path: Path) -> Path:
 
 
 def run(bare: Path, *arguments: str) -> str:
-    """Standard output of CODE in an interpreter that knows the folder alone."""
+    """Standard output of CODE in an interpreter with this folder alone."""
     environment = {**os.environ, "PYTHONPATH": str(bare), "HQP_REQUIRE_NATIVE": "1"}
     command = [sys.executable, "-S", "-c", CODE, *arguments]
     found = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=bare)

@@ -1,4 +1,4 @@
-"""The file of a plan: what is written, what is refused, and how faults are told."""
+"""The file of a plan: contents, refused files, and reports of faults."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_other_files_are_refused_with_a_sentence(file: bytes) -> None:
 
 
 def test_damage_behind_a_right_hash_is_refused_too(file: bytes) -> None:
-    """Not a promise of safety against forgery: what the structure tells is looked at before it is used."""
+    """Damage with a correct hash: the structure is checked before use, without a promise against forgery."""
     _, body = file.split(b"\n", 1)
     rng = np.random.default_rng(0)
     refused = 0
@@ -74,11 +74,11 @@ def test_damage_behind_a_right_hash_is_refused_too(file: bytes) -> None:
             LoadedSession(sealed(body[:at] + body[at + int(rng.integers(1, 8)) :]))
         except HqpError:
             refused += 1
-    assert refused > 180  # the rest is in names, in the fingerprint and in digits
+    assert refused > 180  # the rest changes names, the fingerprint or digits
 
 
 def sealed(body: bytes) -> bytes:
-    """A file of that body."""
+    """Seal a body into a file."""
     head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}\n"
     return head.encode() + body
 
@@ -158,7 +158,7 @@ def legged() -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class Mine(t.Position):
-    """Its rows are written in Python."""
+    """Position with rows written in Python."""
 
     def jacobian(self, state: Any) -> Any:
         return super().jacobian(state)
@@ -185,7 +185,7 @@ def test_references_that_do_not_fit_are_refused(file: bytes) -> None:
 
 
 def told(tick: hqp.Tick) -> tuple[hqp.Note, ...]:
-    """Its notes, but for those on tasks and limits that an account of the levels has."""
+    """Notes of a tick, without those on tasks and limits from an account of the levels."""
     robot = tick.state.robot
     known = ("rates", "session", *map(robot.joint_name, range(robot.nv)))
     return tuple(n for n in tick.notes if n.status is not Status.OPTIMAL or n.element in known)
@@ -234,7 +234,7 @@ def test_faults_are_statuses_as_in_python(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_what_cannot_hold_is_told_word_for_word(formulation: str) -> None:
-    """Limits that exclude each other, under a rate limit, and contacts that carry nothing."""
+    """Conflicting limits, limits under a rate limit, and contacts without load."""
     robot = hqp.robots.load("g1")
     feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
     hand = t.Position(frame="left_rubber_hand", axes="x")
@@ -279,7 +279,7 @@ LIMITS: dict[str, tuple[str, Stack, str, float, str]] = {
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("what", LIMITS)
 def test_limits_are_told_word_for_word(what: str, formulation: str) -> None:
-    """Those between which a command alternates, and those that are passed for a joint cannot brake harder."""
+    """Limits between which a command alternates, and limits exceeded by a joint that cannot brake harder."""
     name, stack, joint, speed, unit = LIMITS[what]
     robot = hqp.robots.load(name)
     session = hqp.Controller(stack, FORMULATIONS[formulation](), deadline=np.inf).session(robot, 0.002)

@@ -1,4 +1,4 @@
-"""Phases, elements that are out, and gravity compensation: a session from a file does as the one that wrote it."""
+"""Phases, elements switched off, and gravity compensation: a session from a file matches the one that wrote it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HAND = t.Position(frame="r_palm", name="hand")
 
 
 def stepping(kind: str) -> Stack:
-    """A foot that is in the air in the phase of that name, a hand that works while both stand."""
+    """Stack with a foot in the air in a phase, and a hand that works while both feet stand."""
     feet = [t.FixedContact(frame=sole, name=name) for name, sole in SOLES.items()]
     feet[0] = dataclasses.replace(feet[0], when="stand")
     within: list[hqp.Element] = list(feet)
@@ -33,7 +33,7 @@ def stepping(kind: str) -> Stack:
         within.append(t.TorqueLimits())
         within += [t.FrictionCone(contact=name, mu=0.6) for name in SOLES]
         within += [t.CenterOfPressure(contact=name, rectangle=SOLE) for name in SOLES]
-        within.append(t.UnilateralContact(contact="left", minimum=20.0))  # goes with it, or could not hold
+        within.append(t.UnilateralContact(contact="left", minimum=20.0))  # switched with it, else infeasible
         balance = [Level(t.Balance(margin=0.005, name="balance")), Level(t.Com(axes="z", name="height"))]
     else:
         within.append(t.JointLimits())
@@ -56,7 +56,7 @@ def test_phases_are_those_of_python(kind: str) -> None:
         if i == 0:
             for name in set(session.hold_values) & set(file.names):
                 kept[name] = np.ravel(session.hold_values[name])
-                if name not in ("left", "hand", "swing"):  # those that come back take fresh ones
+                if name not in ("left", "hand", "swing"):  # elements that return take fresh ones
                     file.hold(name, kept[name])
         found = file.step(q, v, {"hand": aim.value}, phase=phase)
         assert found.status is tick.status, f"tick {i}: {tick.notes} {found.notes}"
@@ -71,14 +71,15 @@ def test_phases_are_those_of_python(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_laws_of_phases_are_those_of_python(kind: str) -> None:
-    """To the last bit: over to a law, to another on the way, back, and at once for what comes in; then all anew."""
+    """Equal to the last bit: change to a law, to another on the way, back, and at once for a returning element; then
+    again."""
     laws: list[Any] = [P(0.5), P(4.0, max_velocity=0.02), P((9.0, 7.0, 8.0), max_acceleration=0.5)]
     if kind != "velocity":
         laws = [PD(10.0), PD(400.0, 30.0, max_velocity=0.02), PD((90.0, 70.0, 80.0), max_acceleration=0.5)]
     slow, held, uneven = laws
     steps = Sequence(
         Phase(name="stand", laws={"hand": uneven}),
-        Phase(name="alone", laws={"posture": slow}),  # of no element's when
+        Phase(name="alone", laws={"posture": slow}),  # no element has this phase as its when
         Phase(name="alone again", laws={"posture": slow}),
         Phase(name="fly", laws={"swing": held, "posture": held}),
         Phase(name="fall"),
@@ -87,7 +88,7 @@ def test_laws_of_phases_are_those_of_python(kind: str) -> None:
     controller = hqp.Controller(stepping(kind), FORMULATIONS[kind](), deadline=np.inf)
     file = LoadedSession(text(controller.session(robot, 0.002), steps))
     start = robot.state(robot.home).position(HAND.frame)
-    for fault, most in ((None, 0.0), (40, 1e-9)):  # of a state, in a tick after which numbers differ by rounding
+    for fault, most in ((None, 0.0), (40, 1e-9)):  # fault: an invalid state, after which numbers differ by rounding
         run = steps.run(controller.session(robot, 0.002))
         q, v = robot.home.copy(), np.zeros(robot.nv)
         for i in range(100):
@@ -129,7 +130,7 @@ def test_an_element_is_in_or_out_for_a_tick(kind: str) -> None:
 
 
 def test_gravity_compensation_with_a_payload() -> None:
-    """What the levels leave is settled by the torque that holds the robot up, on the feet that are there."""
+    """The torque that holds the robot up, on the present feet, completes the levels."""
     robot = hqp.robots.load("cbi")
     left, right = (t.FixedContact(frame=sole, name=name) for name, sole in SOLES.items())
     loads = [

@@ -1,4 +1,4 @@
-"""The elimination of constraint forces by dense factorisations of LAPACK: what the native one is compared with."""
+"""Reference elimination of constraint forces by dense factorisations of LAPACK, to compare the native one with."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ potrf, potrs, trtrs, geqrf, geqp3, ormqr = get_lapack_funcs(
 
 
 class DenseDynamics:
-    """As ConstrainedDynamics: A = L' L, L^-T J^T S = Q_1 T, S the independent combinations of the constraints."""
+    """Dense ConstrainedDynamics: A = L' L, L^-T J^T S = Q_1 T, S the independent combinations of the constraints."""
 
     def __init__(self, rows: int, actuated: Index) -> None:
         self.m, self.n, self.actuated = rows, int(actuated.size), actuated

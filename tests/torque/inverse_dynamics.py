@@ -1,4 +1,4 @@
-"""The same control problem as a hierarchy in z = (qdd, f, tau): nothing eliminated, built from Pinocchio alone."""
+"""The control problem as a hierarchy in z = (qdd, f, tau), without elimination, built from Pinocchio alone."""
 
 from __future__ import annotations
 
@@ -56,7 +56,8 @@ class InverseDynamics:
         motion = np.hstack((self.A, -self.J.T, -self.robot.actuation.T))
         still = np.hstack((self.J, np.zeros((self.nf, self.nf + self.n))))
         b = np.concatenate((-self.bias, -self.drift))
-        # scaled so that newtons and accelerations weigh alike; the level is met exactly, its norm does not matter
+        # scaled so that newtons and accelerations have similar weights; the level is met exactly, its norm does not
+        # matter
         scale = np.concatenate((1.0 / np.sqrt(np.diag(self.A)), np.ones(self.nf)))
         return Rows(np.vstack((motion, still)) * scale[:, None], b * scale, b * scale)
 

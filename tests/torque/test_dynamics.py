@@ -16,7 +16,7 @@ CORNERS = ((0.1, 0.05, 0.0), (0.1, -0.05, 0.0), (-0.1, 0.05, 0.0), (-0.1, -0.05,
 
 
 def corner_rows(robot: Robot, q: Vec, v: Vec) -> tuple[Mat, Vec]:
-    """Four points of each sole: 24 rows of rank 12, and a right-hand side that motion can meet."""
+    """Four points of each sole: 24 rows of rank 12, and a feasible right-hand side."""
     state = robot.state(q, v)
     rows, drifts = [], []
     for foot in robot.landmarks["soles"]:
@@ -59,7 +59,7 @@ def test_motion_and_forces_are_those_of_the_whole_system(humanoid: Robot, seed: 
     assert np.abs(J.T @ d.forces(tau) - force).max() < 1e-9 * np.abs(force).max()
     F, f = d.force_map()
     assert np.abs(F @ tau + f - d.forces(tau)).max() < 1e-8
-    # of least norm among the forces that give the same motion
+    # least norm among the forces that give this motion
     assert np.abs(d.forces(tau) - np.linalg.pinv(J.T) @ force).max() < 1e-7 * np.abs(force).max()
     N = d.N_constr
     assert np.abs(N @ N - N).max() < 1e-9

@@ -1,4 +1,4 @@
-"""The native elimination of constraint forces does what the dense one does."""
+"""Native elimination of constraint forces against the dense one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRAMES = {"dreamer": ["wheel_0", "hand"], "talos": [], "cbi": ["l_sole", "r_sole
 
 
 def both(robot: Any, m: int) -> tuple[ConstrainedDynamics, DenseDynamics]:
-    """Native on the tree, and dense."""
+    """Native elimination on the tree, and the dense one."""
     return (
         ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot)),
         DenseDynamics(m, robot.actuated),
@@ -58,7 +58,7 @@ def test_native_elimination_equals_the_dense_one(name: str, count: int) -> None:
 
 
 def test_dependent_constraints_then_independent_ones() -> None:
-    """Of dependent ones the forces are those of least norm; what one state leaves behind is nothing to the next."""
+    """Dependent constraints get the forces of least norm; earlier states do not affect later ones."""
     robot, rng = hqp.robots.load("cbi"), np.random.default_rng(6)
     fast, slow = both(robot, 12)
     for k in range(6):
@@ -94,10 +94,10 @@ def test_native_holding_torque_equals_the_dense_one(constraints: int) -> None:
     holding = ConstrainedDynamics(7, constraints, actuated).native
     for _ in range(20):
         J, g = rng.normal(size=(constraints, 7)), rng.normal(size=7)
-        J[0, 0] = 0.0  # another row has to go first
-        J[4:] = J[:1]  # what holds twice shares the load
+        J[0, 0] = 0.0  # another row becomes the pivot
+        J[4:] = J[:1]  # duplicate rows share the load
         assert holding.hold(J, g, tau)
         expected = holding_torque(J, g, actuated)
         assert np.abs(tau - expected).max() < 1e-9 * np.abs(expected).max()
-    J[:, 2] = 0.0  # nothing holds this coordinate
+    J[:, 2] = 0.0  # no row holds this coordinate
     assert not holding.hold(J, g, tau)

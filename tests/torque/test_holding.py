@@ -1,4 +1,4 @@
-"""Motors can hold the robot where it goes: holding torques stay within a share of torque limits."""
+"""Holding torques stay within a share of the torque limits: motors can hold the robot wherever it goes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DT = 0.002
 
 
 def reaching(robot: Any, *more: Any) -> tuple[Stack, list[Any]]:
-    """Both hands asked for a metre more than they can reach, on both feet with torque limits."""
+    """Both hand targets are a metre out of reach, on both feet with torque limits."""
     law = PD(25.0, 10.0, max_velocity=0.4)
     hands = [t.Position(frame=palm, law=law, name=palm) for palm in robot.landmarks["palms"]]
     base = t.Orientation(frame=robot.landmarks["base"][0], law=PD(4.0))
@@ -34,14 +34,14 @@ def reaching(robot: Any, *more: Any) -> tuple[Stack, list[Any]]:
 
 
 def bounded(stack: Stack, robot: Any, share: float = 0.8) -> dict[str, float]:
-    """The bounds by joint that a stack gets."""
+    """Bounds of a stack by joint."""
     found, _ = within_holding(stack, robot, share)
     held: Any = [e for e in found.subject_to if isinstance(e, t.Within)]
     return dict(zip(held[0].task.joints, held[0].upper, strict=True)) if held else {}
 
 
 def test_a_robot_that_reaches_too_far_stays_where_its_motors_hold_it() -> None:
-    """Talos bends until its torso has no torque left and falls, without the bound."""
+    """Without the bound, Talos bends until its torso has no torque left and falls."""
     robot = hqp.robots.load("talos")
     stack, goals = reaching(robot)
     ends = {}
@@ -80,7 +80,7 @@ def test_which_joints_are_bounded() -> None:
     assert set(bounded(half, talos).values()) == {0.4}
     ur5 = hqp.robots.load("ur5")
     arm = Stack(Level(t.Posture()), subject_to=[t.TorqueLimits()])
-    assert not bounded(arm, ur5)  # its motors hold it anywhere
+    assert not bounded(arm, ur5)  # its motors hold it in every pose
     carrying = Stack(Level(t.Posture()), subject_to=[t.TorqueLimits(), t.Payload(frame="tool0")])
     assert len(bounded(carrying, ur5)) == 6
 

@@ -44,7 +44,7 @@ def consistent(robot: Robot, feet: tuple[str, ...], seed: int, speed: float = 0.
 
 
 def stack(robot: Robot, feet: tuple[str, ...], *, limited: bool = True) -> Stack:
-    """Feet that push, free foot, CoM and base over the hand over the posture."""
+    """Stack: feet that only push, free foot, CoM and base over the hand over the posture."""
     base = robot.landmarks["base"][0]
     hand = robot.landmarks["palms"][0]
     free = [f for f in robot.landmarks["soles"] if f not in feet]
@@ -69,7 +69,7 @@ def program(session: Session) -> TorqueProgram:
 
 
 def full_problem(robot: Robot, session: Session, q: Vec, v: Vec, feet: tuple[str, ...], limited: bool) -> hqp.Hierarchy:
-    """The independent hierarchy for the demands (a - kp e - kd J v - dJ/dt v) of the session."""
+    """Independent hierarchy for the demands (a - kp e - kd J v - dJ/dt v) of the session."""
     full = InverseDynamics(robot, q, v, feet)
     rows = program(session).assembly
     base, hand = robot.landmarks["base"][0], robot.landmarks["palms"][0]
@@ -85,7 +85,7 @@ def full_problem(robot: Robot, session: Session, q: Vec, v: Vec, feet: tuple[str
         full.motion((parts["hand"][0][:3], demand("hand")), (parts["base"][0][3:], demand("base"))),
         full.motion((posture, demand("posture"))),
     )
-    # the drifts in the demands are checked on their own, against this module's
+    # the drifts in the demands are compared with this module's
     for name, (J, drift) in (("com", full.com()), ("hand", full.frame(hand)), ("base", full.frame(base))):
         picked = {"com": slice(0, 3), "hand": slice(0, 3), "base": slice(3, 6)}[name]
         assert np.abs(rows.drift[rows.members[name].part] - drift[picked]).max() < 1e-9
@@ -117,7 +117,7 @@ def test_torques_are_optimal_in_the_full_problem(humanoid: Robot, support: str, 
         w = problem.slacks(z)
         assert np.abs(w[0]).max() < 1e-8
         certificate = hqp.certificate(problem, z)
-        gaps = certificate.gaps[: len(problem.levels)]  # what completes the levels is another matter
+        gaps = certificate.gaps[: len(problem.levels)]  # the completion is judged elsewhere
         assert np.max(gaps) < 1e-6, str(certificate)
         for mine, theirs in zip(tick.solution.norms[-3:], [float(np.linalg.norm(r)) for r in w[-3:]], strict=True):
             assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-7)

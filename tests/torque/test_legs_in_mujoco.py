@@ -1,4 +1,4 @@
-"""Robots on point feet in MuJoCo, frames as their files have them: they stand, shift, lift each foot."""
+"""Robots on point feet in MuJoCo, with the frames of their files: they stand, shift, lift each foot."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SLOPE = math.radians(15.0)
 
 
 def legged(path: Path, legs: int, tilt: tuple[float, float, float]) -> hqp.robots.Robot:
-    """A round trunk with legs of three joints on spheres; ``foot`` frames turned by roll, pitch, yaw [rad]."""
+    """Round trunk with three-joint legs on spheres; ``foot`` frames have roll, pitch, yaw [rad]."""
     links, joints = [], []
     inertia = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/>'
     light = '<inertia ixx="2e-3" ixy="0" ixz="0" iyy="2e-3" iyz="0" izz="2e-3"/>'
@@ -65,7 +65,7 @@ def legged(path: Path, legs: int, tilt: tuple[float, float, float]) -> hqp.robot
 
 
 class Stance:
-    """A robot on point feet under torque control in MuJoCo; phases name the feet that are in the air."""
+    """Robot on point feet under torque control in MuJoCo; phases name the feet in the air."""
 
     def __init__(self, robot: Any, feet: tuple[str, ...], slope: float = 0.0, lifts: tuple[tuple[str, ...], ...] = ()):
         self.robot, self.feet, self.slope = robot, feet, slope
@@ -80,7 +80,7 @@ class Stance:
         self.plant = Plant(robot, terrain=terrain, watched=feet)
         import mujoco
 
-        for up in np.arange(0.0, 1.5, 0.001):  # down onto the ground, the lowest sphere first
+        for up in np.arange(0.0, 1.5, 0.001):  # lower it to the ground, the lowest sphere first
             q[2] = 1.2 - up
             self.plant.reset(q)
             mujoco.mj_forward(self.plant.model, self.plant.data)
@@ -111,7 +111,7 @@ class Stance:
         self.slip, self.statuses = 0.0, set[str]()
 
     def run(self, seconds: float, shift: Any = (0.0, 0.0, 0.0), phase: str = "all", height: float = 0.04) -> None:
-        """Go on for so long; the feet of the phase are lifted and put down again."""
+        """Run for a time [s]; lift the feet of the phase and put them down again."""
         goal, ticks, up = (
             self.start + self.turn @ shift,
             round(seconds / DT),
@@ -141,7 +141,7 @@ class Stance:
             self.places[foot] = self.plant.place(foot)[0].copy()
 
     def off(self, shift: Any = (0.0, 0.0, 0.0)) -> float:
-        """How far the CoM is from its goal [m]."""
+        """Distance of the CoM from its goal [m]."""
         return float(np.linalg.norm(self.plant.com() - self.start - self.turn @ shift))
 
 
@@ -158,7 +158,7 @@ def stand_and_shift(stance: Stance) -> None:
 
 @pytest.mark.parametrize("slope", [0.0, SLOPE])
 def test_go2_stands_on_feet_whose_frames_lean(slope: float) -> None:
-    """The z axes of its feet are 52 degrees off the vertical."""
+    """The z axes of its feet lean 52 degrees from the vertical."""
     robot = hqp.robots.load("go2")
     stance = Stance(robot, robot.landmarks["feet"], slope)
     stance.run(1.0)
@@ -187,7 +187,7 @@ def test_generated_robots_stand_and_shift(tmp_path: Path, legs: int, tilt: Any, 
 @pytest.mark.parametrize("slope", [0.0, SLOPE])
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_quadrupeds_lift_every_foot(name: str, slope: float) -> None:
-    """The CoM moves over the other three first."""
+    """Move the CoM above the other three feet first."""
     robot = hqp.robots.load(name)
     feet = robot.landmarks["feet"]
     stance = Stance(robot, feet, slope, lifts=tuple((foot,) for foot in feet))
@@ -206,7 +206,7 @@ def test_quadrupeds_lift_every_foot(name: str, slope: float) -> None:
 
 @pytest.mark.parametrize(("pitch", "off"), [(0.0, 0), (0.3, 17), (math.pi / 2, 90), (math.pi, 180)])
 def test_a_sole_whose_z_does_not_stand_up_is_named(tmp_path: Path, pitch: float, off: int) -> None:
-    """Unless the surface's normal is given."""
+    """Name it unless the surface's normal is given."""
     robot = legged(tmp_path / "legs.urdf", 3, (0.0, pitch - 1.2, 0.0))
     for normal in (None, (0.0, 0.0, 2.0)):
         contacts = [FixedContact(frame=f"foot_{k}", normal=normal) for k in range(3)]

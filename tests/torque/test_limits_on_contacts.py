@@ -1,4 +1,4 @@
-"""Limits of joints stand around the speed that contacts leave: what these take away by themselves nobody brakes."""
+"""Bounds of joint limits are relative to the velocity that contacts allow: joints do not brake against contacts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FEET = FixedContact(frame="l_sole", name="left"), FixedContact(frame="r_sole", n
 
 
 class Readable(JointLimits):
-    """The same, without its native operation."""
+    """JointLimits without its native operation."""
 
     def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
         return super().step_bounds(state, dt, order)
@@ -45,12 +45,12 @@ def states(robot: Any, count: int = 5) -> Iterator[State]:
 
 
 def bounds(program: TorqueProgram) -> Mat:
-    """Of the acceleration of the joints ``(2, k)``."""
+    """Bounds on the acceleration of the joints ``(2, k)``."""
     return np.array(program.assembly.bounds[:, program.assembly.members["limits"].part])
 
 
 def asked(limits: JointLimits, state: State, kd: float, rate: Vec, feet: tuple[FixedContact, ...]) -> Mat:
-    """As the docstring of JointLimits has it, by dense inverses."""
+    """Bounds by the docstring of JointLimits, with dense inverses."""
     J = np.vstack([state.jacobian(foot.frame) for foot in feet])
     inverse = np.linalg.inv(state.mass_matrix())
     Jbar = inverse @ J.T @ np.linalg.inv(J @ inverse @ J.T)
@@ -64,7 +64,7 @@ def asked(limits: JointLimits, state: State, kd: float, rate: Vec, feet: tuple[F
 @pytest.mark.parametrize("way", [JointLimits, Readable])
 @pytest.mark.parametrize("kd", [0.0, 8.0, 40.0])
 def test_bounds_are_those_of_the_equation(way: type[JointLimits], kd: float) -> None:
-    """With a left sole that is to move, both feet and one, weighed, and joints whose limits know no approach."""
+    """A left sole with a reference velocity, both feet and one, weights, and joint limits without an approach rate."""
     robot, rate = hqp.robots.load("cbi"), np.array([0.1, 0.0, -0.2, 0.0, 0.3, 0.0])
     for approach in (20.0, 0.0):
         limits = way(name="limits", weight=2.0, acceleration=300.0, approach=approach)
@@ -82,7 +82,7 @@ def test_bounds_are_those_of_the_equation(way: type[JointLimits], kd: float) -> 
 
 @pytest.mark.skipif(not kernel(), reason="no native kernel here")
 def test_native_ticks_and_files_have_the_same_bounds() -> None:
-    """With a foot and without it, and with a foot that is declared twice."""
+    """With and without a foot, and with a foot declared twice."""
     robot = hqp.robots.load("cbi")
     limits, again = JointLimits(name="limits", acceleration=300.0), FixedContact(frame="l_sole", name="again")
     formulation = hqp.Torque(contact_law=PD(0.0, 40.0))
@@ -100,7 +100,7 @@ def test_native_ticks_and_files_have_the_same_bounds() -> None:
 
 
 class Broken(FixedContact):
-    """Without a Jacobian in every other tick."""
+    """Contact without a Jacobian in every second tick."""
 
     def jacobian(self, state: State) -> Mat:
         return super().jacobian(state) * (math.nan if state.q[0] > 0.0 else 1.0)

@@ -1,4 +1,4 @@
-"""Two feet share what they bear: one number determines twelve components, and stands in nothing's way."""
+"""Two feet share their load: one number determines twelve components without effect on the motion."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def stack(*more: Any, law: Any = None) -> Stack:
 
 
 def wrenches(session: Any, state: Any, x: Vec, middles: Any) -> tuple[Vec, Vec]:
-    """Of each foot about its middle, in world axes."""
+    """Wrench of each foot about its middle, in world axes."""
     forces = session.program.contact_forces(x)
     found = []
     for frame, (x0, y0) in zip(SOLES, middles, strict=True):
@@ -51,7 +51,7 @@ def wrenches(session: Any, state: Any, x: Vec, middles: Any) -> tuple[Vec, Vec]:
 @settings(max_examples=15)
 @given(share=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
 def test_each_foot_bears_its_share(share: float, seed: int) -> None:
-    """(1 - s) w_2 = s w_1 about the middles, whatever the levels above ask for."""
+    """(1 - s) w_2 = s w_1 about the middles, for any demands of the levels above."""
     robot, rng = hqp.robots.load("cbi"), np.random.default_rng(seed)
     declared = Stack(*stack().levels, subject_to=[FixedContact(frame=f) for f in SOLES])
     element = LoadShare(contacts=SOLES, middles=((0.05, 0.01), (0.05, -0.01)))
@@ -72,7 +72,7 @@ def test_each_foot_bears_its_share(share: float, seed: int) -> None:
 
 
 def test_the_motion_is_that_of_the_stack_without(robot: Robot) -> None:
-    """The level asks for six components that no motion needs: all residuals above it stay zero."""
+    """The level has six components that no motion needs: all residuals above it stay zero."""
     run = hqp.Controller(stack(), hqp.Torque(holding=None), deadline=np.inf).session(robot, 0.002)
     state = robot.state(robot.home)
     run.step(state)
@@ -83,7 +83,8 @@ def test_the_motion_is_that_of_the_stack_without(robot: Robot) -> None:
 
 
 def test_a_share_beyond_the_limits_gives_way_to_them(robot: Robot) -> None:
-    """With the centre of mass between the feet one foot cannot bear it all: as far as its sole allows, no further."""
+    """With the centre of mass between the feet, one foot cannot bear the whole load: it bears up to the limit of its
+    sole."""
     run = hqp.Controller(stack(), hqp.Torque(holding=None), deadline=np.inf).session(robot, 0.002)
     state = robot.state(robot.home)
     run.step(state)
@@ -132,7 +133,7 @@ def test_it_is_written_and_read() -> None:
 
 @pytest.mark.parametrize("angle", [0.2, 1.0, 1.57])
 def test_below_a_trunk_far_off_posture_and_share_are_at_their_best(robot: Robot, angle: float) -> None:
-    """Two levels without a price below one that is not met: the share must not take what the posture has."""
+    """Two unpriced levels below an unmet one: the share must not take motion from the posture."""
     trunk = Orientation(frame="pelvis", name="trunk")
     session = hqp.Controller(stack(), hqp.Torque(), deadline=np.inf).session(robot, dt=0.002)
     turned = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
@@ -146,7 +147,7 @@ def test_below_a_trunk_far_off_posture_and_share_are_at_their_best(robot: Robot,
 
 
 def test_targets_of_forces_go_into_native_ticks(robot: Robot) -> None:
-    """The answer is that of a first tick with the same share, ; without one it is s again."""
+    """The answer is that of a first tick with this share; without a reference it is s again."""
     session = hqp.Controller(stack(), hqp.Torque(), deadline=np.inf).session(robot, 0.002)
     for _ in range(3):
         session.step(robot.state())

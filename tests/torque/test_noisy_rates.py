@@ -1,4 +1,4 @@
-"""Noise of the encoders' rates at torque level, in MuJoCo, with a hand asked far out of reach."""
+"""Noise of measured joint rates at torque level, in MuJoCo, with a hand target far out of reach."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hqp.tasks.polygons import shrunk
 
 DT, NOISE = 0.002, 0.02
 SMALL = 0.02
-"""Share of a joint's torque limit below which a change is none."""
+"""Threshold of a noticeable change, as a share of a joint's torque limit."""
 
 
 def commands(name: str, noise: float, observed: bool, ticks: int = 300, seed: int = 0) -> tuple[Any, Any]:
@@ -58,7 +58,7 @@ def commands(name: str, noise: float, observed: bool, ticks: int = 300, seed: in
 
 
 def reversals(torques: Any, limits: Any) -> float:
-    """Changes of direction a second of the worst joint, of changes above ``SMALL``."""
+    """Reversals per second of the worst joint, for changes above ``SMALL``."""
     most = 0
     for change, limit in zip(np.diff(torques, axis=0).T, limits, strict=True):
         large = change[np.abs(change) > SMALL * limit]
@@ -79,7 +79,7 @@ def test_torques_neither_reverse_nor_jump(name: str) -> None:
 
 
 def test_it_follows_what_the_model_knows_without_lag() -> None:
-    """On the exact plant the estimate is the true rate to the noise's share, also while joints accelerate."""
+    """On the exact plant the estimate equals the true rate up to noise, also while joints accelerate."""
     robot = hqp.robots.load("panda")
     posture = Posture(law=PD(40.0, 12.0))
     session = hqp.Controller(Stack(Level(posture)), hqp.Torque(), deadline=math.inf).session(robot, DT)

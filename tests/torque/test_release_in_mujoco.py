@@ -1,6 +1,6 @@
-"""A foot is released, lifted, put down and taken up again in MuJoCo: nothing jumps, nothing else moves.
+"""Release a foot in MuJoCo, lift it, put it down and reattach it: no jump, and no other motion.
 
-Every foot's moment about its normal is bounded: a foot that bears 12 N was asked for 1 N m, slipped, and G1 fell.
+Every foot's moment about its normal is bounded: a foot with a load of 12 N got a moment of 1 N m, slipped, and G1 fell.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tests.scenes.changes import DT, lifted, smooth
 from tests.scenes.changes import stack as stack_of
 
 CHANGE = 3.0
-"""Largest change of a torque in a tick while the weight goes over and a foot is released or taken up [N m]."""
+"""Largest change of a torque in a tick during the weight shift, the release and the reattachment [N m]."""
 
 SOFT = PD(40.0, 12.0)
 TORSION = 0.03
@@ -32,7 +32,7 @@ Goals = Callable[[float], Sequence[Reference]]
 
 
 class Walk:
-    """A session at torque level and a plant; feedback on the feet is soft, for the ground is not rigid."""
+    """A session at torque level and a plant; feedback on the feet is soft because the ground is not rigid."""
 
     def __init__(self, robot: Robot) -> None:
         from hqp.robots.on_mujoco import Plant
@@ -64,7 +64,7 @@ class Walk:
         self.ticks: list[Tick] = []
 
     def go(self, seconds: float, goals: Goals, *, until: Callable[[], bool] = lambda: False) -> slice:
-        """So long; the ticks that it took.  until: or until this is so."""
+        """Run for a time [s], or until a condition holds; return the ticks."""
         first, ticks = len(self.ticks), round(seconds / DT)
         for k in range(ticks):
             tick = self.run.step(self.robot.state(self.q, self.v), *goals(k / ticks))
@@ -78,12 +78,12 @@ class Walk:
         return slice(first, len(self.ticks))
 
     def change(self, stack: Stack, goals: Goals) -> slice:
-        """The ticks of a transition."""
+        """Return the ticks of a transition."""
         self.run.change(stack, 0.25)
         return self.go(1.0, goals, until=lambda: self.ticks[-1].transition >= 1.0)
 
     def moved(self, ticks: slice) -> Vec:
-        """How far the CoM, the left and the right sole have moved [m]."""
+        """Displacement of the CoM, the left and the right sole [m]."""
         return np.ptp(np.array(self.places[ticks]).reshape(-1, 3, 3), axis=0).max(axis=1)
 
 
@@ -116,12 +116,12 @@ def test_a_foot_is_released_and_taken_up_in_mujoco(name: str) -> None:
         ticks = walk.ticks[what]
         assert ticks[-1].transition == 1.0
         assert len(ticks) <= 200
-        assert all(tick.status.solved for tick in ticks)  # clipped to the bound of a transition where a note says so
+        assert all(tick.status.solved for tick in ticks)  # clipped to the bound of a transition, with a note
         sent = [tick.command for tick in walk.ticks[what.start - 1 : what.stop]]
         assert np.abs(np.diff(sent, axis=0)).max() <= CHANGE
         moved = walk.moved(what)
         assert moved[0] < 1e-3  # the CoM
-        assert moved[1] < 1e-3  # the foot that stands
+        assert moved[1] < 1e-3  # the stance foot
     assert walk.moved(stood)[:2].max() < 1e-3
     back = walk.go(1.5, lambda s: [com.at((1.0 - smooth(s)) * walk.over + smooth(s) * walk.start)])
     walk.go(1.0, lambda _: [com.at(walk.start)])

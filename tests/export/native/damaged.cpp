@@ -1,5 +1,5 @@
-// A plan's file with random damage: refused with a PlanError.  With --resealed the damage stands behind a right hash: a
-// PlanError, or a session that steps.  For sanitizers: damaged [--resealed] COUNT FILE.hqp ...
+// A plan's file with random damage: expect a PlanError.  With --resealed the damaged file has a correct hash: expect a
+// PlanError or a session that steps.  For sanitizers: damaged [--resealed] COUNT FILE.hqp ...
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -25,7 +25,7 @@ std::string whole(const std::string& body) {
   return head + body;
 }
 
-// Bytes that go, come, change or change places, digits that become others, and numbers that become strange ones.
+// Delete, insert, change or swap bytes, replace digits, and replace numbers by extreme ones.
 std::string damaged(const std::string& body, std::mt19937& random) {
   static const char* const kStrange[] = {"-1",      "0",  "1e300", "99999999", "2147483648", "\"nan\"",
                                          "\"inf\"", "[]", "{}",    "null",     "true",       "-0.5"};
@@ -58,7 +58,7 @@ std::string damaged(const std::string& body, std::mt19937& random) {
   return found;
 }
 
-// Ticks at rest and in motion, towards targets, without elements, of no state, and from the start again.
+// Ticks at rest and in motion, with targets, without elements, with an invalid state, and after a reset.
 void run(hqp::Session& session) {
   const std::vector<double> q = session.home(), rest(std::size_t(session.nv()), 0.0);
   const std::vector<double> moving(rest.size(), 0.01), none(rest.size(), NAN);
@@ -67,7 +67,7 @@ void run(hqp::Session& session) {
       hqp::Reference reference = session.reference(name);
       try {
         tell(reference);
-      } catch (const hqp::ReferenceError&) {  // of a contact's force: it goes by phases
+      } catch (const hqp::ReferenceError&) {  // a contact's force follows phases
       }
     }
     session.step(q, moving);

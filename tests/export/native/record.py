@@ -16,15 +16,15 @@ from hqp.loop.file import text
 from tests.scenes.stacks import FORMULATIONS, ROBOTS, scene
 
 PRESENT, PHASE = 6, 7
-"""Told of an element after value, velocity, acceleration, normal, load and hold value: whether it is in; of a tick: the
-phase, whose name is its number."""
+"""Kinds of records after value, velocity, acceleration, normal, load and hold value: presence of an element; phase of a
+tick, whose name is its number."""
 
 AWAY = (("hand",), ("turn",), ("hand", "turn"), ())
-"""Elements that are out for ten ticks of each fifty, by turns."""
+"""Elements switched off for ten ticks of each fifty, in turns."""
 
 
 def phases(formulation: str) -> Sequence:
-    """Each with laws that those before it have not gone over to when it begins."""
+    """Phases with new laws that begin before the change to the previous ones has ended."""
     hand, posture = PD((90.0, 70.0, 80.0), max_velocity=0.5), PD(30.0)
     if formulation == "velocity":
         hand, posture = P((9.0, 7.0, 8.0), max_velocity=0.5), P(2.0)
@@ -33,7 +33,7 @@ def phases(formulation: str) -> Sequence:
 
 
 def record(robot_name: str, formulation: str, ticks: int, folder: Path) -> Path:
-    """ROBOT-FORMULATION.hqp and .ticks in a folder: states, what references are told, Python's x and status."""
+    """Write ROBOT-FORMULATION.hqp and .ticks to a folder: states, references, Python's x and status."""
     session, given = scene(robot_name, formulation)
     robot = session.robot
     path = folder / f"{robot_name}-{formulation}.hqp"
@@ -73,7 +73,7 @@ def record(robot_name: str, formulation: str, ticks: int, folder: Path) -> Path:
 
 
 def main() -> None:
-    """All robots at all levels, or those named."""
+    """Record all robots at all levels, or the named ones."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("robots", nargs="*", default=list(ROBOTS), metavar="ROBOT")
     parser.add_argument("--formulations", nargs="+", default=list(FORMULATIONS), metavar="NAME")

@@ -1,5 +1,5 @@
-// Loops that record.py wrote, again in C++: the same numbers, no memory taken in a step, and how long steps take.
-// replay TOLERANCE [--rounds N] FILE.hqp ...; tolerance 0 for the same bits; each round begins with a reset.
+// Repeat the loops of record.py in C++: equal numbers, no allocation in a step, and times of steps.
+// replay TOLERANCE [--rounds N] FILE.hqp ...; tolerance 0 for equal bits; each round begins with a reset.
 #include <algorithm>
 #include <chrono>
 #include <cmath>

@@ -1,4 +1,4 @@
-// Sessions of one plan on threads of their own, and batches of worlds: the same numbers as on one thread.
+// Sessions of one plan on separate threads, and batches of worlds: numbers equal those on one thread.
 // threads COUNT FILE.hqp ...; made for the thread sanitizer.
 #include <cstdio>
 #include <cstdlib>
@@ -27,7 +27,7 @@ Numbers alone(const Plan& plan) {
   return found;
 }
 
-// x of the last of as many ticks in every world; each begins a little beside home.
+// x of the last tick in every world after equally many ticks; each begins near home.
 Numbers together(const Plan& plan, std::size_t threads) {
   hqp::Batch batch(plan, kWorlds, threads);
   const Numbers& home = batch.session().robot().home;
