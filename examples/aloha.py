@@ -1,6 +1,6 @@
-"""mink's arm_aloha: two arms over a table want one place and stay apart, a cube beside them.  Needs gym-aloha.
+"""mink's arm_aloha: two arms with one target stay apart over a table with a cube.  Needs gym-aloha.
 
-The model is that of the package gym-aloha: ``pip install --no-deps gym-aloha``, or give the folder of its assets.
+The model comes from the package gym-aloha: ``pip install --no-deps gym-aloha``, or give the folder of its assets.
 """
 
 import sys

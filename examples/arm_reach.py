@@ -1,4 +1,4 @@
-"""An arm goes to a pose and back: position strictly before orientation, limits kept."""
+"""An arm moves to a pose and back: position strictly before orientation, under limits."""
 
 import numpy as np
 

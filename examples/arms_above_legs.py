@@ -1,4 +1,4 @@
-"""G1's arms above legs that another controller moves: it squats, and both hands stay where they are."""
+"""G1's arms above legs that another controller moves: it squats, and both hands hold their places."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ given = PrescribedMotion(joints=LEGS).selection(robot)  # coordinates of base an
 arms = hqp.UpperBody(legs=LEGS, trunk="torso_link", output="velocities").session(robot, dt=0.01)
 
 q, v = robot.home.copy(), np.zeros(robot.nv)
-bend = np.zeros(robot.nv)  # of a squat [rad, m]: hips and ankles half of the knees, the pelvis goes down
+bend = np.zeros(robot.nv)  # amplitude of a squat [rad, m]: hips and ankles half of the knees, the pelvis moves down
 for side in ("left", "right"):
     for joint, share in (("hip_pitch", -1.0), ("knee", 2.0), ("ankle_pitch", -1.0)):
         bend[robot.joints(f"{side}_{joint}_joint")] = 0.25 * share

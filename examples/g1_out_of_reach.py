@@ -1,4 +1,4 @@
-"""A target out of reach: who gives way to whom, in words, and commands that stay calm."""
+"""A target out of reach: an explanation names the tasks that hold it back, and commands stay calm."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A filter behind a policy: targets that cross the hands, leave ranges or are no numbers, on G1's joint servos."""
+"""A filter behind a policy: targets that cross the hands, leave ranges or are NaN, on G1's joint servos."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ names, home = robot.joint_names, robot.state(robot.home).angles[robot.actuated]
 
 
 def policy(t):
-    """Quiet for a second, then arms that cross, then nonsense."""
+    """Move slowly for 1 s, then cross the arms, then send an absurd angle and NaN."""
     target = home + 0.05 * np.sin(2.0 * np.pi * t)
     if t > 1.0:
         target[names.index("left_shoulder_yaw_joint")] = -1.5

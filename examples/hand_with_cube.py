@@ -1,8 +1,8 @@
-"""mink's hands with a cube: a Shadow hand grasps with three fingers and turns what it holds.  Needs gymnasium-robotics.
+"""mink's hands with a cube: a Shadow hand grasps it with three fingers and turns it.  Needs gymnasium-robotics.
 
-The model is that of the package, a hand and a free cube: ``pip install --no-deps gymnasium-robotics``, or give the
-file.  `reach` finds the grasp: tips at places on the cube, wherever the hand can bring it.  Then the tips stay on the
-cube in ``subject_to``, and its pose is the task: the fingers do it.
+The package's model has a hand and a free cube: ``pip install --no-deps gymnasium-robotics``, or give the file.
+`reach` finds the grasp: fingertips at places on the cube, at any pose of the cube within reach.  Then constraints in
+``subject_to`` hold the tips on the cube, and a task on the cube's pose moves the fingers.
 """
 
 import sys
@@ -18,7 +18,7 @@ from hqp.tasks import JointLimits, Pose, Position, Posture
 
 FILE = "envs/assets/hand/manipulate_block.xml"
 file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(find_spec("gymnasium_robotics").origin).parent / FILE
-robot = hqp.robots.load(file, root=("robot0:hand mount", "object"))  # the fingers move the cube: it is of the robot
+robot = hqp.robots.load(file, root=("robot0:hand mount", "object"))  # the fingers move the cube: part of the robot
 off = 0.025 + 0.008  # half of the cube, and a tip [m]
 PLACES = {"th": (off, 0.0, 0.0), "ff": (-off, 0.0, -0.012), "mf": (-off, 0.0, 0.012)}
 tips = {k: Position(frame=f"robot0:S_{k}tip", relative_to="object", name=k) for k in PLACES}

@@ -1,4 +1,4 @@
-"""Talos feels for a table with a hand, leans on it beyond the edge of its foot, and lifts the other one."""
+"""Talos lowers a hand to a table until contact, leans on it beyond the edge of a foot, and lifts the other foot."""
 
 import math
 
@@ -76,14 +76,14 @@ for _ in range(round(9.0 / dt)):
     loads, state = plant.contacts().load, robot.state(*plant.state())
     t, now = run.since, run.phase.name
     way = {"lean": t / lasts, "lift": 1.0, "return": 1.0 - t / lasts}.get(now, 0.0)
-    turn = math.pi * min(max(way, 0.0), 1.0)  # there and back on half a cosine
+    turn = math.pi * min(max(way, 0.0), 1.0)  # half a cosine
     sign = {"lean": 1.0, "return": -1.0}.get(now, 0.0) * math.pi / lasts
     leans, rate, bend = 0.5 - 0.5 * math.cos(turn), 0.5 * sign * math.sin(turn), 0.5 * sign**2 * math.cos(turn)
     if now == "reach":
         point += [0.0, 0.06 * dt, -0.03 * dt]
     if now == "lift":
         up = 0.025 * (1.0 - math.cos(2.0 * math.pi * min(t / 1.4, 1.0)))
-        lifted[2, 3] = sole[2, 3] + up - 0.03 * max(t - 1.4, 0.0)  # until it is felt
+        lifted[2, 3] = sole[2, 3] + up - 0.03 * max(t - 1.4, 0.0)  # down until contact
     tick = run.step(
         state,
         com.at(start + leans * shift, velocity=rate * shift, acceleration=bend * shift),
@@ -100,7 +100,7 @@ for _ in range(round(9.0 / dt)):
     last = tick.command
     plant.step(tick.command, steps=2)
 jumps, switch, hand_load, height, aside, solved = (np.array(column) for column in zip(*seen, strict=True))
-in_the_air, edge = height > 0.03, -sole[1, 3] + 0.05  # of the left sole
+in_the_air, edge = height > 0.03, -sole[1, 3] + 0.05  # inner edge of the left sole
 print(f"foot {1e3 * height.max():.0f} mm up while the hand bears {hand_load[in_the_air].mean():.0f} N")
 print(f"CoM {1e3 * (aside[in_the_air].min() - edge):.1f} mm beyond the sole; {100.0 * solved.mean():.2f} % solved")
 print(f"torques change by {jumps[switch][1:].max():.1f} N m at switches, {jumps[~switch].max():.1f} elsewhere")

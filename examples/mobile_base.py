@@ -1,6 +1,6 @@
-"""pink's mobile bases (stretch, mobile_omni): Tiago on a base that slides and turns, its hand follows a circle.
+"""pink's mobile bases (stretch, mobile_omni): the hand of Tiago on an omnidirectional base follows a circle.
 
-The base is a planar joint at the root; the order of two postures below the hand says which moves first.
+The base is a planar joint at the root; the order of two postures below the hand selects whether base or arm moves.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Sphere barriers as pink has them: a UR5 holds its tool while two balls pass, and gets out of their way."""
+"""Sphere barriers like pink's: a UR5 holds its tool while two balls pass, and avoids them."""
 
 import math
 

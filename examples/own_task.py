@@ -1,4 +1,4 @@
-"""A task of one's own in twenty lines: the distance between two frames."""
+"""A user's task in twenty lines: the distance between two frames."""
 
 from dataclasses import dataclass
 

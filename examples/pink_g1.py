@@ -1,4 +1,4 @@
-"""pink's tasks in strict levels: the same objects, another solve_ik.  Needs pin-pink."""
+"""pink's task objects in strict levels, by hqp's solve_ik.  Needs pin-pink."""
 
 import numpy as np
 import pink

@@ -21,14 +21,14 @@ def table(spec: mujoco.MjSpec) -> None:
 
 
 def report(what: str, loads: list[float]) -> None:
-    """What the table bore."""
+    """Print the load on the table."""
     rest, touch = np.array(loads[-250:]), dt * int(np.argmax(np.array(loads) > 0.0))
     off = np.abs(rest - 20.0).max()
     print(f"{what}: touch after {touch:.2f} s, largest {max(loads):.1f} N, then {rest.mean():.2f} N, off by {off:.2f}")
 
 
 robot = hqp.robots.load("panda")
-felt = ExternalWrench(frame=frame)  # the dynamics know what is measured
+felt = ExternalWrench(frame=frame)  # the measured force enters the dynamics
 hand = Impedance(frame=frame, stiffness=(K, K, 0.0), damping=(damping, damping, 400.0), mass=M, name="hand")
 upright = Orientation(frame=frame, law=PD(100.0), name="upright")
 stack = Stack(Level(hand, upright), Level(Posture()), subject_to=[JointLimits(), TorqueLimits(), felt])

@@ -1,6 +1,6 @@
-"""Solo12 gives a paw: its balance moves over three feet, the fourth bears less and less, lifts, and comes back.
+"""Solo12 gives a paw: its balance moves over three feet, the load of the fourth fades, and it lifts and returns.
 
-Feet are points that only push, inside friction; what the levels leave of the forces goes to the least torque.
+Feet are points that only push, inside friction cones; free contact forces minimise the torque.
 """
 
 import math
@@ -31,7 +31,7 @@ unload = ContactForce(contact=paw, components=("fz",), name="unload")
 
 
 def on(standing, *levels):
-    """The levels of a body that stands on these feet."""
+    """Stack of a body that stands on these feet."""
     limits = [
         f(contact=foot, **k) for foot in standing for f, k in ((UnilateralContact, {}), (FrictionCone, {"mu": 0.6}))
     ]
@@ -51,13 +51,13 @@ high = slip = jump = 0.0
 load, last = [], None
 for k in range(4000):
     t, state = k * dt, robot.state(q, v)
-    if k in (1250, 2750):  # the paw bears nothing any more; it is down again
+    if k in (1250, 2750):  # the paw is unloaded; it is down again
         session.change(three if k == 1250 else four, over=0.2)
     goals = [com.at(start + over * np.interp(t, [0.0, 1.0, 6.0, 7.0], [0.0, 1.0, 1.0, 0.0]))]
-    if "lift" in session:  # in a transition as long as either stack has it
+    if "lift" in session:  # in a transition while either stack has it
         goals.append(lift.at(ground + ([0.06, 0.0, 0.08] if t < 4.0 else [0.0, 0.0, 0.0])))
     if "unload" in session:
-        share = np.interp(t, [0.0, 2.0, 6.0, 7.0], [0.25, 0.0, 0.0, 0.25])  # of its weight
+        share = np.interp(t, [0.0, 2.0, 6.0, 7.0], [0.25, 0.0, 0.0, 0.25])  # share of the robot's weight
         goals.append(unload.at([share * 9.81 * robot.mass]))
     tick = session.step(state, *goals)
     q, v = tick.advance()

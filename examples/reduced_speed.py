@@ -1,4 +1,4 @@
-"""A UR5 in reduced-speed mode: its tool stays below 250 mm/s and 0.5 rad/s, however far the goal jumps."""
+"""A UR5 in reduced-speed mode: its tool stays below 250 mm/s and 0.5 rad/s after any jump of the goal."""
 
 import numpy as np
 

@@ -16,7 +16,7 @@ from hqp import serial
 
 
 class StackNode(Node):
-    """Steps a session at 500 Hz and publishes where the joints should be one period later."""
+    """Step a session at 500 Hz and publish the desired joint positions one period later."""
 
     def __init__(self, stack_file: str, robot_name: str) -> None:
         super().__init__("hqp")
@@ -29,7 +29,7 @@ class StackNode(Node):
         self.create_timer(0.002, self.step)
 
     def take(self, message: JointState) -> None:
-        """The first measured state starts the loop; afterwards it closes over what was commanded."""
+        """Start the loop from the first measured state; afterwards it closes over the command."""
         if self.q is not None:
             return
         places = dict(zip(message.name, message.position, strict=True))
@@ -40,7 +40,7 @@ class StackNode(Node):
         self.q = self.robot.integrate(self.robot.home, step, 1.0)
 
     def step(self) -> None:
-        """One tick."""
+        """Run one tick."""
         if self.q is None:
             return
         tick = self.session.step(self.robot.state(self.q, self.v))

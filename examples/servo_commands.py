@@ -1,4 +1,4 @@
-"""What a servo wants: position, velocity and feedforward torque, integrated from what was commanded, not measured."""
+"""Commands of a servo: position, velocity and feedforward torque, integrated from the command, not the measurement."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ kp, kd = np.full(robot.actuated.size, 600.0), np.full(robot.actuated.size, 50.0)
 q_commanded, v_commanded = robot.home.copy(), np.zeros(robot.nv)
 goal = robot.state(q_commanded).position(hand.frame) + [0.05, 0.1, 0.0]
 for _ in range(1500):
-    # The loop closes over the command: a measured state that lags by the servo's error would be asked for twice.
+    # The loop closes over the command: feedback of the servo's lag would add it to the command once more.
     state = robot.state(q_commanded, v_commanded)
     tick = session.step(state, hand.at(goal))
     gravity = state.gravity_force()[robot.actuated]

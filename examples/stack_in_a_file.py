@@ -1,4 +1,4 @@
-"""A stack as TOML: the same tree as the constructors, for people who do not write Python."""
+"""A stack as TOML, with the tree of the constructors, for users without Python."""
 
 import hqp
 from hqp import serial

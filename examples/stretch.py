@@ -1,8 +1,8 @@
-"""pink's and mink's stretch: its wheels drive, do not slip, and may not move the hand.  Needs hello-robot-stretch-urdf.
+"""pink's and mink's stretch: its wheels roll without slip while the hand rests.  Needs hello-robot-stretch-urdf.
 
-The model is that of the package: ``pip install --no-deps hello-robot-stretch-urdf``, or give the file.  Wheels that
-roll stand in ``subject_to``: the base turns and drives forward, nothing else.  Asked to drive straight on, it drives
-around the hand, which is worth more.
+The model comes from the package: ``pip install --no-deps hello-robot-stretch-urdf``, or give the file.  Rolling
+wheels in ``subject_to`` restrict the base to turns and forward motion.  The target is to drive straight on, but the
+base drives around the hand, which has priority.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A stack changes while the robot runs: a task is taken out and comes back."""
+"""A stack changes while the robot runs: a task is removed and added again."""
 
 import numpy as np
 

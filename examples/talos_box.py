@@ -1,4 +1,4 @@
-"""Talos lifts a box with both hands, keeps balance over its soles and the box in its gaze; a wall stands beside it."""
+"""Talos lifts a box with both hands beside a wall, keeps its balance over the soles and looks at the box."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from hqp.tasks import Cone, FixedContact, JointLimits, LookAt, Momentum, Positio
 robot = hqp.robots.load("talos")
 left, right = robot.landmarks["palms"]
 feet = [FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
-box = Weld(frame=left, relative_to=right, name="box")  # the hands keep their places on it
+box = Weld(frame=left, relative_to=right, name="box")  # both hands are fixed to the box
 balance = SupportPolygon(sole=(-0.1, 0.1, -0.05, 0.05), margin=0.02)
 gaze = Cone(LookAt(frame="rgbd_optical_frame", axis=(0.0, 0.0, 1.0)), angle=0.35, name="gaze", recovery=1.0)
 start = robot.state().position(left)

@@ -1,4 +1,4 @@
-"""Talos holds a box firmly between its hands and lifts a heel: what bears what is said in newtons, at torque level."""
+"""Talos squeezes a box with 20 N and lifts a heel, at torque level; contact forces have limits in newtons."""
 
 import math
 
@@ -53,11 +53,11 @@ start, edge, between = home.com().copy(), home.position("toes").copy(), box.valu
 
 
 def off(state):
-    """How far the hands are from where they were, of each other."""
+    """Change of the hands' relative pose since the start."""
     return np.abs(box.value(state) - between).max()
 
 
-over = 0.6 * (home.position(left) - start) * [1.0, 1.0, 0.0]  # the balance goes towards the flat foot
+over = 0.6 * (home.position(left) - start) * [1.0, 1.0, 0.0]  # the CoM moves towards the flat foot
 for k in range(2000):
     t = 0.002 * k
     goals = [com.at(start + over * min(1.0, t)), squeeze.at([20.0 * min(1.0, t)])]

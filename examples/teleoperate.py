@@ -1,4 +1,4 @@
-"""An operator's hand over a bad network: packets get lost, come twice, jump away; UR5 follows all the same."""
+"""An operator's hand over a bad network: UR5 follows despite lost, repeated and wrong packets."""
 
 import numpy as np
 
@@ -29,9 +29,9 @@ for k in range(2500):
     while sent / 72.0 <= t:  # a headset's rate
         when, fate = sent / 72.0, rng.random()
         pose = operator(when)
-        if fate < 0.05:  # the tracking takes something else for the hand
+        if fate < 0.05:  # the tracker mistakes another object for the hand
             pose[:3, 3] += (0.0, 0.0, 2.0)
-        if not 2.0 < when < 2.3 and fate < 0.95:  # for 0.3 s nothing comes, and now and then one is lost
+        if not 2.0 < when < 2.3 and fate < 0.95:  # a gap of 0.3 s, and single lost packets
             for _ in range(1 + (fate > 0.9)):
                 follow.receive(pose, sent=when, received=t)
         sent += 1

@@ -1,7 +1,7 @@
-"""mink's tidybot: an arm on a base that goes every way follows a circle, by the arm first or by the base first.
+"""mink's tidybot: an arm on an omnidirectional base follows a circle, by the arm first or by the base first.
 
-A Kinova Gen3 on the Omron base of robosuite, put together by MuJoCo: ``pip install --no-deps robosuite``, or give the
-folder of its assets.  The order of two postures below the hand says which of them moves where both could.
+A Kinova Gen3 on the Omron base of robosuite, assembled by MuJoCo: ``pip install --no-deps robosuite``, or give the
+folder of its assets.  The order of two postures below the hand selects whether base or arm moves if both can.
 """
 
 import math

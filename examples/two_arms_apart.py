@@ -1,4 +1,4 @@
-"""Two arms of Baxter cross to where the other one was, and do not touch (pink's yumi: yumi.py)."""
+"""Two arms of Baxter exchange places without contact (pink's yumi: yumi.py)."""
 
 import numpy as np
 

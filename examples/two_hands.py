@@ -1,4 +1,4 @@
-"""One hand before the other: the left one gives way where both cannot be had."""
+"""One hand before the other: the left one deviates if both targets are incompatible."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""G1 in the browser: drag the hand's target and see what gives way.  Needs hqp[view]; argument: seconds to run."""
+"""G1 in the browser: drag the hand's target and see which tasks deviate.  Needs hqp[view]; argument: duration [s]."""
 
 import sys
 import time
@@ -30,7 +30,7 @@ with hqp.view(session, control=True) as view:
     print(f"open {view.url}", flush=True)
     end = time.perf_counter() + seconds
     while time.perf_counter() < end:
-        view.wait()  # while the page asks for a pause
+        view.wait()  # while the page is paused
         tick = view.step(robot.state(q, v))
         q, v = tick.advance()
         time.sleep(0.002)

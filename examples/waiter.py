@@ -1,4 +1,4 @@
-"""A UR5 brings a tray: upright, loaded on the way, pushed by a guest, by motors that give less when fast."""
+"""A UR5 carries a tray: upright, loaded on the way, pushed by a guest; motors lose torque with speed."""
 
 import math
 
@@ -23,7 +23,7 @@ stack = Stack(
 )
 session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, dt)
 
-plant = robot.model.copy()  # which the glasses are put on
+plant = robot.model.copy()  # the plant also carries the glasses
 data, where = plant.createData(), plant.frames[plant.getFrameId(frame)]
 bare, top = pin.Inertia(plant.inertias[where.parentJoint]), np.array([0.0, 0.0, 0.15])
 q, v, tilt, off = robot.home, np.zeros(robot.nv), 0.0, 0.0

@@ -1,6 +1,6 @@
-"""pink's yumi: two arms cross to where the other one was, and do not touch.  Needs robosuite-models.
+"""pink's yumi: two arms exchange places without contact.  Needs robosuite-models.
 
-The model is that of the package: ``pip install --no-deps robosuite-models``, or give the path of its robot.xml.
+The model comes from the package: ``pip install --no-deps robosuite-models``, or give the path of its robot.xml.
 """
 
 import sys

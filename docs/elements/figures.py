@@ -44,7 +44,7 @@ def run(
     plant: Any = None,
     v0: Any = None,
 ) -> Any:
-    """What was measured of (state, tick) in each tick; references: a list, or a function of time."""
+    """Measure (state, tick) in each tick; references: a list, or a function of time."""
     formulation = formulation or FORMULATIONS["velocity"]
     session = hqp.Controller(stack, formulation, deadline=math.inf).session(robot, DT)
     q, v, found = robot.home, np.zeros(robot.nv) if v0 is None else v0, []
@@ -138,7 +138,7 @@ def within() -> None:
 
 
 def support_polygon() -> None:
-    """The way of the centre of mass over the soles, with the polygon and without."""
+    """Path of the CoM over the soles, with the polygon and without."""
     figure, axes = plt.subplots(figsize=(4.2, 3.6))
     hand = t.Position(frame=LEFT, name="hand")
     goal = [hand.at(TALOS.state().position(LEFT) + [0.6, 0.0, -0.4])]
@@ -199,7 +199,7 @@ def directions() -> None:
 
 
 def distance() -> None:
-    """Two hands brought to 30 cm."""
+    """Two hands at a distance of 30 cm."""
     figure, axes = plt.subplots(figsize=(4.2, 2.8))
     apart = t.Distance(frame=LEFT, other=RIGHT, name="apart")
     stack = Stack(Level(apart), posture(), subject_to=FEET)
@@ -212,7 +212,7 @@ def distance() -> None:
 
 
 def weld() -> None:
-    """A box between two hands: how it keeps its shape, and what it bears where both are torn apart."""
+    """A box between two hands: error of its shape, and its load while both are pulled apart."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
     hand = t.Position(frame=LEFT, name="hand")
     goal = [hand.at(TALOS.state().position(LEFT) + [0.1, 0.0, 0.1])]
@@ -260,7 +260,7 @@ def weld() -> None:
 
 
 def rates() -> None:
-    """What the last level makes of what is free; joint velocities; the momentum that an arm causes; a slow base."""
+    """Motion of free joints by the last level; joint velocities; momentum of an arm's motion; a slow base."""
     figure, panels = plt.subplots(2, 2, figsize=(8, 5))
     hand = t.Position(frame="panda_hand", name="hand")
     hold = [hand.at(PANDA.state().position("panda_hand"))]
@@ -331,7 +331,7 @@ def rates() -> None:
 
 
 def manipulability() -> None:
-    """An arm that reaches out: kept from the stretched posture, or not."""
+    """An arm that reaches out, with a bound away from the stretched posture and without."""
     figure, axes = plt.subplots(figsize=(4.2, 2.8))
     hand = t.Position(frame="panda_hand", name="hand", law=P(2.0))
     w = t.Manipulability(frame="panda_hand", angular="", name="w")
@@ -347,7 +347,7 @@ def manipulability() -> None:
 
 
 def frozen() -> None:
-    """Two joints of Panda that take no part, and one that is frozen while it turns."""
+    """Two frozen joints of Panda, and one that freezes while it moves."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
     names = ("panda_joint3", "panda_joint5")
     hand = t.Position(frame="panda_hand", name="hand")
@@ -396,7 +396,7 @@ def frame_speed() -> None:
 
 
 def motors() -> None:
-    """Torque over speed of a joint that is driven hard, and the line it stays under."""
+    """Torque over speed of a joint at high load, and the motor's line."""
     figure, axes = plt.subplots(figsize=(4.2, 2.8))
     limits = t.TorqueSpeedLimits(no_load=2.0, corner=0.3)
     task = t.Posture(law=PD(300.0, 8.0), name="all")
@@ -429,7 +429,7 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 1.4">
 
 
 def balls() -> None:
-    """A shoulder that is a ball, with its limit and without, and what that leaves of the way overhead."""
+    """A ball joint as shoulder, with its limit and without, and the range overhead."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.xml"
@@ -462,7 +462,7 @@ def balls() -> None:
 
 
 def joint_torque() -> None:
-    """Solo12 shifts its weight to and fro; the torque of one knee is said, below the balance, and where it is not."""
+    """Solo12 shifts its weight to and fro, with a target of one knee's torque below the balance and without."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
     robot = hqp.robots.load("solo12")
     feet = [t.PointContact(frame=foot) for foot in robot.landmarks["feet"]]
@@ -504,7 +504,7 @@ def joint_torque() -> None:
 
 
 def holding() -> None:
-    """Talos, both hands asked for one metre more than they can reach, with the bound on holding torques and without."""
+    """Talos, targets of both hands 1 m beyond reach, with the bound on holding torques and without."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
     law = PD(25.0, 10.0, max_velocity=0.4)
     hands = [t.Position(frame=palm, name=palm, law=law) for palm in (LEFT, RIGHT)]
@@ -537,7 +537,7 @@ def holding() -> None:
 
 
 def loads() -> None:
-    """Panda with 3 kg in its hand, told of it or not; pushed by 40 N, told or not."""
+    """Panda with 3 kg in its hand, and under a push of 40 N, known to the controller or not."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
     hand = t.Position(frame="panda_hand", name="hand")
     load, push = t.Payload(frame="panda_hand"), t.ExternalWrench(frame="panda_hand")
@@ -586,7 +586,7 @@ def loads() -> None:
 
 
 def balance() -> None:
-    """Load onto the left foot: the plan of the DCM, followed from a place beside it; loads as their share says."""
+    """Shift of the load onto the left foot: the DCM converges to its plan; the loads follow their share."""
     from hqp.walking import DcmPlan, Piece, natural_frequency
 
     names = [foot.frame for foot in FEET]
@@ -648,7 +648,7 @@ def balance() -> None:
 
 
 def compliance() -> None:
-    """A table that is pressed, and a spring that is pushed."""
+    """A press on a table, and a push against a spring."""
     import mujoco
 
     from hqp.robots.on_mujoco import Plant

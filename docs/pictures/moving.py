@@ -26,11 +26,11 @@ FIGURES = Path(__file__).parents[1] / "figures"
 SIZE, FPS, DT = (560, 560), 12, 0.002
 LOOK = np.array([0.15, 0.0, 0.81])
 FEWEST = 1_900_000
-"""Bytes that a moving picture may have at most."""
+"""Largest size of a moving picture [bytes]."""
 
 
 def g1(path: Path = FIGURES / "g1.webp") -> Path:
-    """The right hand follows a ball that goes out of reach and comes back; feet and balance hold."""
+    """The right hand follows a ball out of reach and back; feet and balance hold."""
     robot = hqp.robots.load("g1")
     feet = [FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
     hand = Position(frame="right_wrist_yaw_link", law=P(8.0), name="hand")
@@ -110,7 +110,7 @@ def dreamer(path: Path = FIGURES / "dreamer.webp") -> Path:
 
 
 def _film(folder: Path) -> Iterator[Image.Image]:
-    """Every third frame, with how far the centre of mass is off then."""
+    """Every third frame, with the CoM error at its time."""
     import imageio_ffmpeg
 
     log = np.load(folder / "dreamer-slope_own_map.npz")
@@ -128,7 +128,7 @@ def _film(folder: Path) -> Iterator[Image.Image]:
 
 
 def save(frames: list[Image.Image], path: Path) -> Path:
-    """An animated WebP under FEWEST bytes; raises ValueError where no quality is small enough."""
+    """An animated WebP under FEWEST bytes; raises ValueError if no quality is small enough."""
     for quality in (70, 55, 40, 25):
         frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / FPS), loop=0,
                        quality=quality, method=4)  # fmt: skip

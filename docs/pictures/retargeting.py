@@ -16,11 +16,11 @@ from .studio import BLUE, Studio, caption
 FIGURES = Path(__file__).parents[1] / "figures"
 SIZE = (420, 420)
 APART = 0.45
-"""The person stands beside the robot by this share of its height."""
+"""Distance of the person from the robot as a share of its height."""
 
 
 def pictures(found: Retargeted) -> list[Image.Image]:
-    """Frames of the person's joints and the robot; the caption tells what is down."""
+    """Frames of the person's joints and the robot; the caption lists the standing feet."""
     height = float(np.ptp(found.person[0, :, 2]))
     middle = 0.5 * (found.q[:, :3].min(axis=0) + found.q[:, :3].max(axis=0))
     aside = np.array([0.0, APART * height, 0.0])

@@ -14,7 +14,7 @@ START, END = "<!-- rivals -->", "<!-- /rivals -->"
 
 
 def shown(told: dict[str, Any]) -> str:
-    """A line a library: time, calm out of reach, and what each scene came to."""
+    """A row per library: time, calm out of reach, outcome of each scene."""
     lines = {(x["library"], x["scene"]): x for x in told["lines"]}
     libraries = list(dict.fromkeys(x["library"] for x in told["lines"]))
     ours = lines["hqp", "nominal"]["p50_us"]

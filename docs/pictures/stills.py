@@ -20,9 +20,9 @@ from .studio import BLUE, GREEN, ORANGE, RED, Studio
 FIGURES = Path(__file__).parents[1] / "figures"
 SMALL, WIDE = (460, 460), (960, 460)
 SEEN_THROUGH = 0.5
-"""Opacity of the robot, so that marks inside it are seen."""
+"""Opacity of the robot, so that marks inside it are visible."""
 GLASS = 0.16
-"""That of dark legs, whose soles and forces are the subject."""
+"""Opacity of dark legs, whose soles and forces are the subject."""
 
 READY = np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2])
 SOLE = np.array(
@@ -408,7 +408,7 @@ TUTORIALS: dict[str, Callable[[], Image.Image]] = {
 
 
 def save(names: set[str]) -> list[Path]:
-    """Make pictures by name, all of them where no name is given."""
+    """Make pictures by name, all if there is no name."""
     made = []
     every = {f"element_{name}": make for name, make in ELEMENTS.items()} | TUTORIALS
     for name, make in every.items():

@@ -29,9 +29,9 @@ Color = tuple[float, float, float]
 
 
 class Studio:
-    """MuJoCo as a renderer only: every body of the robot is placed by hqp's kinematics.
+    """MuJoCo as a renderer only: hqp's kinematics places every body of the robot.
 
-    size: width and height [px].  look: what the camera looks at [m]; distance [m], azimuth and elevation [deg].
+    size: width and height [px].  look: target of the camera [m]; distance [m], azimuth and elevation [deg].
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Studio:
             self.line(a, b, color, width)
 
     def shoot(self, q: Vec, opacity: float = 1.0) -> Image.Image:
-        """The picture of a configuration with what was marked since the last one; opacity of the robot."""
+        """Picture of a configuration with the marks since the last one; opacity of the robot."""
         self._model.geom_rgba[1:, 3] = opacity
         state = self.robot.state(q)
         state.kinematics()

@@ -1,7 +1,7 @@
 """The viewer on the shipped example, each picture by its target; needs the extra ``browser`` and Chromium.
 
-The loop is over before the browser comes, which renders in software, and its last ticks are none that something else on
-the machine has made late: a picture tells of the robot.
+The loop ends before the browser starts, which renders in software, so that other work of the machine delays none of
+the last ticks, which the picture shows.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ FIGURES = Path(__file__).parents[1] / "figures"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "g1.toml"
 DT = 0.002
 TICKS, CURVES = 15_000, 5_500
-"""Until the hand is at rest; what the page's curves reach back."""
+"""Ticks until the hand is at rest; ticks of the page's curves."""
 HIDDEN = "[class*=Notification] { display: none }"
-"""viser's word on a browser that renders in software."""
+"""Style that hides viser's note on a browser that renders in software."""
 SIZE = {"width": 1500, "height": 900}
 SCENE = {"x": 0, "y": 330, "width": 1050, "height": 560}
 FLAGS = (
@@ -46,7 +46,7 @@ PICTURES: dict[str, tuple[tuple[float, float, float], bool]] = {
     "at_a_limit": ((-0.5, 0.0, 0.2), False),
     "in_collision": ((-0.05, 0.2, -0.05), True),
 }
-"""Where the hand is asked to, from where it is at home [m], and whether links are kept apart in a level above it."""
+"""Target of the hand from its place at home [m]; true for collision avoidance in a level above it."""
 
 
 def show(way: tuple[float, float, float], apart: bool) -> View:
@@ -81,7 +81,7 @@ def show(way: tuple[float, float, float], apart: bool) -> View:
 
 
 def settle(tab: Any) -> None:
-    """Until the scene stands still, which fades in: in a software renderer for a minute and more."""
+    """Wait until the scene has faded in: with a software renderer, a minute or more."""
     before, same = np.zeros(0), 0
     for _ in range(60):
         tab.wait_for_timeout(2_000)
@@ -114,7 +114,7 @@ def shoot(playwright: Any, name: str) -> Path:
 
 
 def save(names: set[str]) -> list[Path]:
-    """The pictures of those names, all without one; returns their files."""
+    """Make pictures by name, all if there is no name; return their files."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

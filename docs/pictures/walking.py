@@ -21,14 +21,14 @@ from .studio import BLUE, GREEN, ORANGE, Studio, caption
 FIGURES = Path(__file__).parents[1] / "figures"
 SIZE, DT = (420, 420), 0.002
 START, PUSH, STOP, END = 0.5, 3.1, 6.0, 8.5
-"""Of the walk, the push, the stop and the film [s]."""
+"""Times of the start, the push, the stop, and the end of the film [s]."""
 IMPULSE, BLOW = 0.2, 0.1
-"""Over the mass, to the left [m/s], and for how long [s]."""
+"""Impulse over mass, to the left [m/s], and its duration [s]."""
 
 
 @dataclass
 class Run:
-    """What is drawn of a walk."""
+    """Data of a walk's pictures."""
 
     robot: Any
     walker: Walker
@@ -87,7 +87,7 @@ def pictures(run: Run) -> list[Image.Image]:
 
 
 def strip(shown: list[Image.Image], run: Run, path: Path) -> Path:
-    """Stills side by side, from before the push on."""
+    """Stills side by side, from shortly before the push."""
     times = [frame[0] for frame in run.frames]
     chosen = [
         shown[int(np.searchsorted(times, PUSH + after))]

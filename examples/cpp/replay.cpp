@@ -33,7 +33,7 @@ int main(int argc, char** argv) {
     const auto size = read<int>(file, 2);
     const int n = size[0], count = size[1];
     std::vector<hqp::Level> levels(count);
-    std::vector<std::vector<double>> numbers;  // owns what the levels point to
+    std::vector<std::vector<double>> numbers;  // data of the levels
     std::vector<std::vector<std::int64_t>> indices;
     std::vector<int> rows;
     int total = 0, pairs = 0;

@@ -19,7 +19,7 @@
 
 // MuJoCo's numbers in the session's order: quaternions x y z w, the base's linear velocity in its own axes.
 struct Map {
-  std::vector<int> place, column, motor;  // of each joint
+  std::vector<int> place, column, motor;  // by joint
 
   Map(const mjModel* m, const std::vector<std::string>& joints) {
     for (const std::string& name : joints) {
@@ -91,7 +91,7 @@ int main(int argc, char** argv) {
     while (input.line(name, at))
       for (int k = 0; k < 2; ++k)
         if (std::strcmp(name, names[k]) == 0) std::copy(at, at + 3, goal[k]);
-    for (int k = 0; k < 2 && i > 0; ++k) {  // what is held is known from the first tick on
+    for (int k = 0; k < 2 && i > 0; ++k) {  // hold values exist after the first tick
       std::array<double, 3> place;
       for (int j = 0; j < 3; ++j) {
         off[k][j] += 0.002 * (goal[k][j] - off[k][j]);  // no jump
@@ -115,7 +115,7 @@ int main(int argc, char** argv) {
     if (Clock::now() > next) ++late, next = Clock::now();
     else std::this_thread::sleep_until(next);
   }
-  double reached = 0.0;  // of the hands, from where the lines sent them
+  double reached = 0.0;  // error of the hands at the targets of the lines
   for (int k = 0; k < 2; ++k) {
     const int body = mj_name2id(model, mjOBJ_XBODY, k ? "right_wrist_yaw_link" : "left_wrist_yaw_link");
     for (int j = 0; j < 3; ++j)

@@ -73,7 +73,7 @@ class HqpController : public controller_interface::ChainableControllerInterface 
     return {controller_interface::interface_configuration_type::INDIVIDUAL, named({"position", "velocity"})};
   }
 
-  // Elements hold what they are at in the first state from here on.
+  // Elements take their hold values from the next state.
   Callback on_activate(const rclcpp_lifecycle::State&) override {
     session_->reset();
     told_.reset(), placed_.reset();
