@@ -99,30 +99,6 @@ class Assembly:
     def written(self, rows: Sequence[tuple[int, int]], bounds: Sequence[tuple[int, int]]) -> None:
         """Where rows in Python are written: first and last row in J, and, of inequalities, in the bounds."""
 
-class EasedRows:
-    """Rows of a transition, rewritten ahead of their solve (hqp/loop/transition/easing.py); keeps the arrays."""
-
-    def add(self, A: Mat, lower: Vec, upper: Vec, error: Vec | None, pull: Vec | None) -> None:
-        """Live rows ``(m, n)`` and bounds; error and pull ``(m,)`` where the bounds are linear in an error.
-
-        Raises ValueError for a wrong shape.
-        """
-
-    def aim(self, other: Vec, k: float, here: bool) -> None:
-        """That share k of the way from the other x ``(n,)``, which is copied; here: without the error."""
-
-    def rewrite(self) -> None:
-        """Rewrite the bounds."""
-
-    def before(self, next: object) -> object:
-        """A capsule of that and then the solve whose capsule is given."""
-
-def blend(a: Vec, b: Vec, last: Vec, weight: float, begin: int, end: int, x: Vec) -> float:
-    """Write x = a + weight (b - a) ``(n,)``; the largest ``|x - last|`` of its entries from begin to end.
-
-    Raises ValueError for a wrong shape.
-    """
-
 class Snapshots:
     """Live arrays copied into a ring of snapshots of ``size`` bytes; keeps references to all of them.
 

@@ -122,12 +122,6 @@ class Live:
         do not know all joints.  fault: why the state is not valid, None where that is to be found.
         """
 
-    def limit(self, limiter: RateLimiter, last: Vec, x: Vec) -> list[tuple[str, int, str]]:
-        """x, or the point towards it that the limiter allows."""
-
-    def measure(self, name: str, load: float) -> bool:
-        """Take a load [N]; whether the name is that of a contact."""
-
     def follow(self, other: Live) -> None:
         """Go on with what another session sent last."""
 
@@ -137,28 +131,43 @@ class Live:
     def holds(self) -> dict[str, list[float]]:
         """Hold values, flat, by name."""
 
-    def aside(self) -> None:
-        """Answer beside another session: without rate limits, in half of the time."""
-
-    def alone(self, x: Vec) -> None:
-        """Alone again, after that x was sent."""
-
-    def rest(
-        self, last: Vec, good: bool, held: int, fit: bool, why: int
-    ) -> tuple[list[float], list[tuple[str, int, str]]]:
-        """The x towards rest after ``last``, and notes, where a blend has no usable answer.
-
-        fit: whether the latest state is one to start from.  why: the status of the tick.
-        """
-
-    def count(self, begin: float, cut: bool, held: bool, rejected_state: bool, rejected_references: int) -> None:
-        """Count a tick that blends two sessions; begin: on ``perf_counter`` [s]."""
-
-    def ahead(self, call: object | None) -> None:
-        """A capsule that runs ahead of the solver, and it, None for the solver alone."""
-
     def too_large(self, q: Vec, v: Vec, angles: Vec) -> str:
         """Which number of a valid state is too large; "" for none."""
+
+class Transition:
+    """From one session to another without a jump: hqp/cpp/session/transition.hpp.
+
+    depth: how many transitions are under way, this one included.  progress: 0 at the start, 1 at the end.
+    """
+
+    depth: int
+    progress: float
+
+    def __init__(
+        self,
+        sessions: Sequence[Live],
+        way: Mapping[str, Any],
+        ticks: float,
+        under_way: Transition | None,
+        owner: object,
+    ) -> None:
+        """sessions: of the stacks on the way.  way: of ``hqp.loop.transition.way``.  under_way: to the first one.
+        owner: has this object and the sessions; its begins, before, after and sent are called in a tick."""
+
+    def measure(self, name: str, load: float) -> None:
+        """Load that a contact was measured to bear in the next tick [N]."""
+
+    def step(self, q: Vec, v: Vec, time: float | None, now: float, angles: Vec | None, fault: str | None) -> None:
+        """One tick of both stacks of the pair; arguments as of ``Live.step``."""
+
+    def end(self) -> None:
+        """Let the last session go on alone from what was sent."""
+
+    def pass_on(self, session: Live) -> None:
+        """Let another session go on alone from what was sent."""
+
+    def begin(self) -> None:
+        """Start from the command that all sessions have begun with."""
 
 class RateLimiter:
     """Holds the change of a command within a limit of that name; inverse: one over the largest change in a tick."""

@@ -21,7 +21,6 @@ from hqp.solvers.base import turn
 if TYPE_CHECKING:
     from hqp.loop.compiled import Compiled
     from hqp.loop.presence import Presence
-    from hqp.loop.transition.easing import Easing
 
 REFUSED, BROKEN = STATUSES.index(Status.INVALID_REFERENCE), STATUSES.index(Status.INVALID_ELEMENT)
 OUT, HELD = "left out of this tick", "its hold value is used instead"
@@ -36,7 +35,7 @@ class Callbacks:
     fills: whether all rows are filled here.  writes: those of some elements.  judges: answers of the native solver
     that are no optimum.  solution: of a solver that was asked here, in this tick.  faults: status, text and whether it
     is left out, of elements whose rows are not usable.  holds: what elements that native code does not know are held
-    at; without: why some of these have no hold value.
+    at; without: why some of these have no hold value.  here: those that are held where they are, without a reference.
     """
 
     def __init__(self, compiled: Compiled, robot: Robot, presence: Presence, holds: Mapping[str, Reference]) -> None:
@@ -62,7 +61,7 @@ class Callbacks:
         self.without: dict[str, str] = {}
         self.faults: dict[str, tuple[int, str, bool]] = {}
         self.solution: Solution | None = None
-        self.ease: Easing | None = None
+        self.here: frozenset[str] = frozenset()
         self.state: State | None = None
         self.last_good: State | None = None
         self.references: tuple[Reference, ...] = ()
@@ -74,6 +73,9 @@ class Callbacks:
 
     def begin(self, state: State | None, references: tuple[Reference, ...], commanded: Vec | None) -> bool:
         """Begin a tick with these references; return true if ``fill`` has to write all rows."""
+        if self.here and state is not None and state.valid:
+            here = self.here.difference(r.name for r in references)
+            references = (*references, *(e.hold(state) for e in self.own if e.name in here))
         self.state, self.references, self.solution = state, references, None
         if state is not None and self.reads:
             state.commanded = commanded
@@ -167,7 +169,6 @@ class Callbacks:
                 self._repair(state, broken, left_out)
         except (DynamicsFailed, np.linalg.LinAlgError) as error:
             return str(error)
-        self._ease_here()
         return None
 
     def _unusable(self, current: Mapping[str, Reference]) -> tuple[str, ...]:
@@ -237,15 +238,9 @@ class Callbacks:
             if current[name].value is None and name not in self._program.out:
                 self.faults[name] = BROKEN, f"{why}: {OUT}", True
 
-    def _ease_here(self) -> None:
-        if self.ease is not None and not self.native_solver:
-            self.ease()
-
     @np.errstate(all="ignore")
     def solve(self) -> Told:
         """The answer of a solver that is written in Python."""
-        if not self.fills:
-            self._ease_here()
         return self._told(self._compiled.workspace.solve(self._program.problem))
 
     @np.errstate(all="ignore")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 
-from hqp.arrays import FLOAT, Index, Mat, Vec
+from hqp.arrays import FLOAT, Mat, Vec
 from hqp.declare.element import Element
 from hqp.declare.law import Law
-from hqp.declare.reference import Reference
+from hqp.declare.reference import Reference, copied
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError, ModelError
 from hqp.explanation.counters import Counters
@@ -25,18 +25,17 @@ from hqp.loop.document import assumed
 from hqp.loop.references import refuse
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick
-from hqp.loop.transition.changing import blended
+from hqp.loop.transition.surviving import surviving_holds
 from hqp.loop.turn import Turn, alone
 from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import native
 
 if TYPE_CHECKING:
-    from hqp._session import Live, RateLimiter
+    from hqp._session import Live
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
-    from hqp.loop.transition.blend import Transition
-    from hqp.loop.transition.easing import Easing
+    from hqp.loop.transition.transition import Transition
 
 T = TypeVar("T")
 
@@ -45,15 +44,12 @@ _new = object.__new__
 
 @dataclass(slots=True, eq=False)
 class Guards:
-    """What the lines of a session share.  joints: of x, those of the motors.  first: notes of the first tick.
-    count: ticks so far.  ages: whether states must tell their time."""
+    """What the lines of a session share.  first: notes of the first tick.  count: ticks so far.  ages: whether states
+    must tell their time."""
 
     robot: Robot
     dt: float
     ages: bool
-    limiter: RateLimiter | None
-    gradual: RateLimiter
-    joints: Index | slice
     turn: Turn
     first: tuple[Note, ...]
     stuck: bool = True
@@ -64,12 +60,16 @@ class Guards:
     laws: Mapping[str, Law] | None = None
     """Of elements by name in the phase of a sequence, None where there is none."""
 
+    def now(self, now: float | None) -> float:
+        """Time of a tick [s], 0 if nothing reads it."""
+        return (monotonic() if self.ages else 0.0) if now is None else now
+
 
 class Line:
     """One stack, compiled and at work; in a change of stack two of them side by side, within one that blends them.
 
-    named: the references of the latest tick, or its targets by name.  latest: its record.  transition: the lines that
-    are blended into this one.  held: for how many ticks the command has been coming to rest.
+    named: the references of the latest tick, or its targets by name.  latest: its record.  transition: to this line
+    from another one, which answers beside it.  lasting: whether references hold until the next ones, on the way out.
     """
 
     def __init__(
@@ -86,20 +86,20 @@ class Line:
         self.velocity = self.program.kind == "velocity"
         self.latest: bytearray | None = None
         self.named: tuple[Reference, ...] | dict[str, Any] = ()
-        self.held, self.good = 0, False
-        self.begun = False
+        self.good = self.begun = self.lasting = False
         self.callbacks = Callbacks(compiled, self.robot, self.presence, holds or {})
         self.native: Live = native.Live(compiled.tree(self.callbacks))
         self._attentive = self.callbacks.attentive
         self._given = dict(holds or {})
         self.hold(self._given)
         if before is not None:
-            self.native.follow(before.native)
-            if before.transition is not None and before.latest is not None:  # whose own lines sent it
-                self.native.alone(before.x)
             self.latest, self.named = before.latest, before.named
-            self.held, self.good, self.begun = before.held, before.good, False
-            self.callbacks.last_good = before.callbacks.last_good
+            if before.transition is None:
+                self.native.follow(before.native)
+            else:
+                before.transition.native.pass_on(self.native)
+                self.latest = before.transition.latest
+            self.good, self.callbacks.last_good = before.good, before.callbacks.last_good
         self.teller = Teller(self.stack, self.program, self.workspace, self.robot, self.dt)
         self.stuck = StuckWatch(self.stack, self.dt, self.guards.stuck)
         self._phase: str | None = None
@@ -157,40 +157,48 @@ class Line:
         """The element of that name, in a change of stack that of either stack."""
         found = next((element for element in self.stack if element.name == name), None)
         if found is None and self.transition is not None:
-            return next(filter(None, (line.find(name) for line in self.transition.pair)), None)
+            return next(filter(None, (line.find(name) for line in self.transition.lines)), None)
         return found
 
     def require_phase(self, phase: str) -> None:
         """Raise DeclarationError for a phase that neither this stack nor, in a change, another one names."""
-        pair = () if self.transition is None else self.transition.pair
-        if not any(phase in line.presence.phases for line in (self, *pair)):
+        others = () if self.transition is None else self.transition.lines
+        if not any(phase in line.presence.phases for line in (self, *others)):
             self.presence.require(phase)
 
     def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         """A tick, whatever comes in; raises ModelError for a state of another robot."""
         self.require(state, "step")
-        if self.transition is not None:
-            return blended(self, self.transition, state, references, now)
-        return self.answer(state, references, now)
-
-    def answer(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
-        """A tick of this stack alone."""
-        start, session = perf_counter(), self.native
-        self._attend()
         if state.valid and self.robot.current is not state:
             state.kinematics()  # which says that it is stale
-        self._tell(references, state)
+        if self.transition is not None:
+            return self.transition.step(self, state, references, now)
+        start, session = perf_counter(), self.native
+        self.tell(references)
+        self.ready(state, references)
         angles = fault = None
-        if not self.compiled.placed and state.valid:
-            self.program.prepare(state)
-            angles = state.angles
         if not state.valid:
             fault = state.fault
-        if self.guards.ages and now is None:
-            now = monotonic()
-        told = session.step(state.q, state.v, state.time, 0.0 if now is None else now, angles, fault)
+        elif not self.compiled.placed:
+            angles = state.angles
+        told = session.step(state.q, state.v, state.time, self.guards.now(now), angles, fault)
+        return self.answered(told, state, start)
+
+    def ready(self, state: State, references: tuple[Reference, ...]) -> None:
+        """Begin a tick whose references the native session has."""
+        self._attend()
+        if self.lasting:
+            given = {reference.name for reference in references}
+            last = [r for r in self.last_references if r.name not in given and r.finite]
+            kept = [Reference(**{**vars(copied(r)), "load": None}) for r in last]  # which was measured then
+            if any(r.gravity_normal is not None for r in kept):
+                self.native.ask()
+            references = (*references, *kept)
         self.named = references
-        return self._answered(told, state, start)
+        if not self.compiled.placed and state.valid:
+            self.program.prepare(state)
+        if self._attentive and self.callbacks.begin(state, references, self.x if self.velocity and self.good else None):
+            self.native.ask()
 
     def require(self, state: State, call: str) -> None:
         """Raise ModelError for a state of another robot, DeclarationError for anything but a state."""
@@ -209,12 +217,11 @@ class Line:
         """Start from the command that is sent now, in a transition for all of its lines."""
         known = () if state is None else (state.q, state.v, state.angles)
         self.latest = self.native.begin(command, *(known or (None, None, None)))
-        self.good, self.held = True, 0
+        self.good = True
         if self.callbacks.reads and state is not None:
             self.callbacks.last_good = state
         if self.transition is not None:
-            for each in self.transition.pair:
-                each.begin(command, state)
+            self.transition.begin(self, command, state)
 
     def tick(self, q: Vec, v: Vec | None, targets: dict[str, Any]) -> Tick | None:
         """The same of arrays alone, without a State and without References; None for what is out of the ordinary."""
@@ -235,14 +242,7 @@ class Line:
         self.robot.leave()
         told = self.native.step(q, v, None, 0.0, None, None)
         self.named = targets
-        return self._answered(told, None, start)
-
-    def count(self, tick: Tick, start: float) -> None:
-        """Count a tick that blends two stacks; both of them ran beside the other, uncounted."""
-        refused = Status.INVALID_REFERENCE
-        some = tick.status.severity >= refused.severity
-        references = sum(note.status is refused for note in tick.notes) if some else 0
-        self.native.count(start, tick.status.cut, tick.held > 0, tick.refused, references)
+        return self.answered(told, None, start)
 
     def _attend(self) -> None:
         """The phase of this tick, and its laws."""
@@ -254,7 +254,7 @@ class Line:
             self._laws = guards.laws
             self.compiled.laws.obey(guards.laws or {}, self.program.out if self.begun else None)
 
-    def _tell(self, references: tuple[Reference, ...], state: State) -> None:
+    def tell(self, references: tuple[Reference, ...]) -> None:
         """Give the native session what it takes of references; raises for those that fit no element."""
         told = self.native.tell(references)
         if told >= 0:
@@ -262,8 +262,6 @@ class Line:
             told = self.native.tell(references)
             if told >= 0:
                 self._refuse(references[told])
-        if self._attentive and self.callbacks.begin(state, references, self.x if self.velocity and self.good else None):
-            self.native.ask()
 
     @staticmethod
     def _of_doubles(reference: Reference) -> Reference:
@@ -300,7 +298,7 @@ class Line:
             name, "its reference does not fit", value=reference, allowed=f"what {name}.at(...) takes"
         )
 
-    def _answered(self, told: Any, state: State | None, start: float) -> Tick:
+    def answered(self, told: Any, state: State | None, start: float) -> Tick:
         """The tick of a record."""
         record, status, held = told, Status.OPTIMAL, 0
         notes: tuple[Note, ...] = ()
@@ -318,7 +316,6 @@ class Line:
         solution, self.callbacks.solution = self.callbacks.solution, None  # of this tick alone
         tick = _new(Tick)
         tick.__init__(self, state, before, record, start, solution, status, notes, held)  # type: ignore[misc]
-        self.held = held
         if held == 0:
             self.good = True
             if self.callbacks.reads:
@@ -346,25 +343,15 @@ class Line:
             elif held.value is not None:
                 self.native.keep_hold(name, np.ascontiguousarray(held.value).reshape(-1))
 
-    def take_over(self, other: Line, *, beside: bool) -> None:
-        """Go on as the line of the same stack that was blended in, from what was sent last.
+    def inherit(self, before: Line) -> None:
+        """Take hold values of another stack for elements that native code does not know."""
+        kept = surviving_holds(before.stack, before.callbacks.holds, self.stack)
+        self.callbacks.holds |= {name: held for name, held in kept.items() if name in self.callbacks.names}
 
-        beside: whether another transition goes on to blend its answers.
-        """
-        self.native, self.callbacks = other.native, other.callbacks
-        self._phase, self._laws, self._attentive = other._phase, other._laws, other._attentive
-        self.native.alone(self.x)
-        if beside:
-            self.native.aside()
-        self.begun = True
+    def take_over(self, tick: Tick) -> None:
+        """Go on alone from what a blend has sent."""
+        self.latest, self.good, self.begun, self.lasting = tick.record, True, True, False
         self.transition = None  # last: an interrupt before it leaves a transition that is done
-
-    def ease(self, easing: Easing | None) -> None:
-        """Rewrite rows ahead of every solve from now on, None for no more."""
-        self.callbacks.ease = easing
-        if self.callbacks.native_solver:
-            call = None if easing is None else easing.before(self.compiled.call)
-            self.native.ahead(call)
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick."""

@@ -7,13 +7,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import get_ident
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
@@ -23,15 +22,13 @@ from hqp.explanation.notes import Note
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.document import guards
-from hqp.loop.guards import rate_limiter
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
-from hqp.loop.outgoing import GRADUAL
 from hqp.loop.overconstrained import overconstrained
 from hqp.loop.plausible import doubts
 from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.tick import Tick, Times
-from hqp.loop.transition.changing import change
+from hqp.loop.transition.transition import change
 from hqp.loop.turn import Turn, alone, require
 from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import require_compiled
@@ -81,19 +78,11 @@ class Session:
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
             first += (Note("session", Status.OPTIMAL, compiled.dropped),)
-        kind = compiled.program.kind
-        joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
-        behind = bool(joints.size and np.all(np.diff(joints) == 1))
-        gradual = rate_limiter(robot, GRADUAL, kind, self.dt, "transition")
-        assert gradual is not None
         self.line = Line(
             Guards(
                 robot=robot,
                 dt=self.dt,
                 ages=max_age is not None,
-                limiter=rate_limiter(robot, controller.rates, kind, self.dt),
-                gradual=gradual,
-                joints=slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints,
                 turn=self._turn,
                 first=first,
                 stuck=stuck,
@@ -248,11 +237,7 @@ class Session:
                     state = self.robot.state(q, v)
                     references = tuple([self._aimed(name, value) for name, value in targets.items()])
             if tick is None:
-                blends = line.transition is not None
-                start = perf_counter() if blends else 0.0
                 tick = line.step(state, references, now)
-                if blends:
-                    line.count(tick, start)
                 for reference in references:
                     if reference.remarks:
                         told = [Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]
@@ -301,7 +286,7 @@ class Session:
         LOG.log(logging.INFO if status.solved else logging.WARNING, "tick %d %s %s", self.count, status.name, text)
 
     def change(self, stack: Stack, over: float = 0.0) -> None:
-        """Switch to another stack, at once or within ``over`` seconds at least (hqp/transition/blend.py).
+        """Switch to another stack, at once or within ``over`` seconds at least (hqp/cpp/session/transition.hpp).
 
         Hold values survive where class, frame, axes, observer and shape agree; all other elements take fresh ones in
         the next step, those that return as well.  A stack that was seen before is not compiled again.  In a

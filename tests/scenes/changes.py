@@ -13,7 +13,6 @@ from hqp import Level, Stack
 from hqp.commands.arguments import formulation
 from hqp.declare.reference import Reference
 from hqp.loop.outgoing import largest_change
-from hqp.loop.transition.blend import smooth
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
 
@@ -24,6 +23,11 @@ DT, OVER = 0.002, 0.25
 SECOND = int(1.0 / DT)
 LONGEST = 1500
 """Largest number of ticks of a transition."""
+
+
+def smooth(s: float) -> float:
+    """3 s^2 - 2 s^3."""
+    return s * s * (3.0 - 2.0 * s)
 
 
 def stack(robot: Robot, level: str) -> Stack:

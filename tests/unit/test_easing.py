@@ -9,7 +9,7 @@ import pytest
 
 import hqp
 from hqp import Level, Stack
-from hqp.loop.transition.easing import Easing, added
+from hqp.loop.transition.way import added
 from hqp.tasks import Com, FixedContact, Position, Posture
 from tests.scenes.changes import Loop, lifted, stack
 
@@ -68,7 +68,7 @@ def test_the_row_gets_its_share_between_the_two_stacks() -> None:
         asked = -kp * (state.position(hand.frame) - loop.hand) - kd * J @ loop.v - drift
         (tick,) = loop.go(1, loop.goals(0.0))
         transition: Any = loop.run.line.transition
-        given, without = J @ tick.x, J @ transition.pair[0].x
+        given, without = J @ tick.x, J @ transition.lines[0].x
         way = asked - without
         shares.append((float((given - without) @ way / (way @ way)), tick.transition))
     off = max(abs(share - h) for share, h in shares)
@@ -138,21 +138,3 @@ def test_rows_that_are_left_out_stay_out(level: str) -> None:
             assert not tick.held
             loop.q, loop.v = tick.advance()
         assert tick.transition == 1.0
-
-
-def test_free_rows_are_not_rewritten() -> None:
-    robot = hqp.robots.load("g1")
-    whole = stack(robot, "acceleration")
-    right = robot.landmarks["soles"][1]
-    run = hqp.Controller(whole, hqp.Acceleration(), deadline=np.inf).session(robot, 0.002)
-    run.step(robot.state())
-    each = Easing(run.program, (right,), second=False)
-    place = run.program.places[right]
-    rows = run.problem.levels[place.level]
-    rows.lower[place.part], rows.upper[place.part] = -np.inf, np.inf
-    for h in (0.5, 1.0):  # at 1 the row vanishes: infinity times zero is NaN
-        for each.here in (False, True):
-            each.aim(np.zeros(robot.nv), h)
-            each()
-            assert np.all(rows.lower[place.part] == -np.inf)
-            assert np.all(rows.upper[place.part] == np.inf)

@@ -1,9 +1,7 @@
 // Python's view of the row operations, and of descents on them.
 #include <cstdlib>
 
-#include "blending.hpp"
 #include "descents.hpp"
-#include "easing.hpp"
 #include "live_assembly.hpp"
 #include "snapshots.hpp"
 
@@ -77,14 +75,6 @@ NB_MODULE(_assembly, module) {
       .def("demand", &Assembly::demand, "v"_a)
       .def("limit", &Assembly::limit, "v"_a, "reactions"_a)
       .def("core", &Assembly::core);
-  nb::class_<EasedRows>(module, "EasedRows")
-      .def(nb::init<>())
-      .def("add", &EasedRows::add, "A"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(),
-           "error"_a.noconvert().none(), "pull"_a.none())
-      .def("aim", &EasedRows::aim, "other"_a, "k"_a, "here"_a)
-      .def("rewrite", &EasedRows::rewrite)
-      .def("before", &EasedRows::before, "next"_a);
-  module.def("blend", &blend, "a"_a, "b"_a, "last"_a, "weight"_a, "begin"_a, "end"_a, "x"_a.noconvert());
   nb::class_<Snapshots>(module, "Snapshots")
       .def(nb::init<const std::vector<std::tuple<Snapshots::Bytes, std::size_t>>&, const Snapshots::Ring&,
                     std::size_t>(),

@@ -226,18 +226,10 @@ NB_MODULE(_session, module) {
       .def("begin", &binding::LiveSession::begin, "command"_a, "q"_a.none(), "v"_a.none(), "angles"_a.none())
       .def("step", &binding::LiveSession::step, "q"_a, "v"_a, "time"_a.none(), "now"_a, "angles"_a.none(),
            "fault"_a.none())
-      .def("limit", &binding::LiveSession::limit, "limiter"_a, "last"_a, "x"_a.noconvert())
-      .def("measure", &binding::LiveSession::measure, "name"_a, "load"_a)
       .def("follow", &binding::LiveSession::follow, "other"_a)
       .def("keep_hold", &binding::LiveSession::keep_hold, "name"_a, "value"_a)
       .def("holds", &binding::LiveSession::holds)
-      .def("aside", &binding::LiveSession::aside)
-      .def("alone", &binding::LiveSession::alone, "x"_a)
-      .def("rest", &binding::LiveSession::rest, "last"_a, "good"_a, "held"_a, "fit"_a, "why"_a)
-      .def("ahead", &binding::LiveSession::ahead, "call"_a.none())
       .def("too_large", &binding::LiveSession::too_large, "q"_a, "v"_a, "angles"_a)
-      .def("count", &binding::LiveSession::count, "begin"_a, "cut"_a, "held"_a, "rejected_state"_a,
-           "rejected_references"_a)
       .def_prop_ro("counters", [](const binding::LiveSession& s) { return told(s.counters()); })
       .def_prop_ro("heartbeat", &binding::LiveSession::heartbeat)
       .def_prop_ro("good", &binding::LiveSession::good)
@@ -245,6 +237,17 @@ NB_MODULE(_session, module) {
       .def_prop_ro("held", &binding::LiveSession::held)
       .def_prop_ro("deadline", &binding::LiveSession::deadline)
       .def_prop_ro("margin", &binding::LiveSession::margin);
+  nb::class_<binding::LiveTransition>(module, "Transition")
+      .def(nb::init<const nb::list&, const nb::object&, double, binding::LiveTransition*, nb::handle>(), "sessions"_a,
+           "way"_a, "ticks"_a, "under_way"_a.none(), "owner"_a)
+      .def("measure", &binding::LiveTransition::measure, "name"_a, "load"_a)
+      .def("step", &binding::LiveTransition::step, "q"_a, "v"_a, "time"_a.none(), "now"_a, "angles"_a.none(),
+           "fault"_a.none())
+      .def("begin", &binding::LiveTransition::begin)
+      .def("end", &binding::LiveTransition::end)
+      .def("pass_on", &binding::LiveTransition::pass_on, "session"_a)
+      .def_prop_ro("depth", &binding::LiveTransition::depth)
+      .def_prop_ro("progress", &binding::LiveTransition::progress);
   nb::class_<Worlds>(module, "Batch")
       .def(nb::init<const nb::bytes&, std::size_t, std::size_t, const nb::bytes&>(), "file"_a, "count"_a, "threads"_a,
            "key"_a)

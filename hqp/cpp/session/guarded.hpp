@@ -50,7 +50,8 @@ class Guarded {
         motors_(motor_limits(root, line_, robot_)),
         halt_(hqp::halt(root, line_)),
         limiter_(rate_limiter(root, line_, robot_)),
-        budget_(root.part("guards").number("deadline")),
+        deadline_(root.part("guards").number("deadline")),
+        budget_(deadline_),
         q_(std::size_t(line_.nq())),
         v_(std::size_t(line_.nv())),
         good_q_(q_.size()),
@@ -65,7 +66,9 @@ class Guarded {
         outgoing_(hqp::outgoing(root, line_, robot_)),
         presence_(root, line_.members()),
         laws_(root, line_, presence_.names().size()),
-        out_(line_.members().size(), false) {
+        out_(line_.members().size(), false),
+        named_(out_.size(), false),
+        naming_(out_.size(), false) {
     over_.reserve(v_.size());
     tick_.command_.resize(robot_.picks.size());
     tick_.x_.resize(x_.size());
@@ -134,6 +137,7 @@ class Guarded {
 
   // Store a field of an element's next reference, its hold value or its measured load; throws ReferenceError.
   void set(std::size_t member, int field, const double* values, std::size_t size) {
+    if (field != Reference::kHold) name(member);
     if (field != Reference::kLoad) return references_.set(member, field, values, size);
     const Member& contact = line_.members()[member];
     if (!contact.contact) throw ReferenceError(contact.name + " is not a contact: it takes no measured load");
@@ -145,13 +149,19 @@ class Guarded {
     const Member& told = line_.members()[member];
     if (line_.torque() && told.level < 0 && !live_)
       throw ReferenceError(told.name + ": switch a contact at torque level by phases, not by on()");
-    presence_.say(member, in);
+    name(member), presence_.say(member, in);
   }
+  // The element has a reference in the next tick.
+  void name(std::size_t member) { naming_[member] = true; }
+  bool named(std::size_t member) const { return naming_[member]; }
   // Set the phase of the following ticks, "" for none.
   void phase(const std::string& name) { presence_.phase(name); }
 
   // Forget what is stored for the next tick.
-  void forget() { references_.forget(), presence_.forget(); }
+  void forget() {
+    references_.forget(), presence_.forget();
+    naming_.assign(naming_.size(), false);
+  }
   References& references() { return references_; }
   const References& references() const { return references_; }
   ContactWatch& contacts() { return contacts_; }
@@ -160,7 +170,8 @@ class Guarded {
   // Finish every answer from now on, and accept states of any age.
   void without_deadline() {
     check_.of_any_age();
-    budget_ = Budget(std::numeric_limits<double>::infinity());
+    deadline_ = std::numeric_limits<double>::infinity();
+    budget_ = Budget(deadline_);
     line_.solver()->limit(0.0);
   }
 
@@ -175,9 +186,10 @@ class Guarded {
     counters_->pause();
   }
 
-  // Continue from another session of the robot: its last command and its margin of time.
-  void follow(const Guarded& other) {
-    x_ = other.x_, good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
+  // Continue from another session of the robot, after x was sent.
+  void follow(const Guarded& other, const double* x) {
+    std::copy(x, x + x_.size(), x_.begin());
+    good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
     placed_ = other.placed_, timed_ = other.timed_, budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
     counters_ = other.counters_, halt_ = other.halt_;
@@ -188,11 +200,21 @@ class Guarded {
     attended_ = false;  // the other session may share its rows
     if (!std::exchange(aside_, true)) budget_ = Budget(0.5 * budget_.deadline());
   }
-  // Run alone again, after x was sent.
+  // Run alone again, after x was sent: references hold for one tick.
   void alone(const double* x) {
-    if (std::exchange(aside_, false)) budget_ = Budget(2.0 * budget_.deadline());
+    aside_ = false, lasting(false), line_.ahead(nullptr);
+    if (budget_.deadline() != deadline_) budget_ = Budget(deadline_);
     std::copy(x, x + x_.size(), x_.begin());
     tick_.held_ = 0;
+  }
+  // See References::lasting.
+  void lasting(bool lasts) { references_.lasting(lasts), presence_.lasting(lasts); }
+  // Take over the last references of another stack, but for elements that have one in the next tick.
+  void adopt(const Guarded& other) { references_.adopt(other.references_, naming_); }
+  // Hold these elements in the next tick where they are, unless they have a reference.
+  void hold_here(const std::vector<std::string>& names) {
+    for (std::size_t m = 0; m < out_.size(); ++m)
+      if (std::find(names.begin(), names.end(), line_.members()[m].name) != names.end()) here_.push_back(m);
   }
   // Come to rest if a blend of two sessions has no usable answer.  last: x of the tick before; held: ticks since then;
   // fit: true if the latest state is valid.
@@ -223,6 +245,8 @@ class Guarded {
   // The x that the first tick's rates start from.
   const std::vector<double>& start() const { return start_; }
   bool good() const { return good_; }
+  bool ordinary() const { return ordinary_; }
+  const RateLimiter* rates() const { return limiter_.get(); }
   const Budget& budget() const { return budget_; }
   // Describe the number of a state that is too large, "" if all are ordinary.
   std::string too_large(const double* q, const double* v, const double* angles) {
@@ -256,25 +280,32 @@ class Guarded {
     tick_.note_count_ = 0;
     tick_.status_ = Status::kOptimal;
     answered_ = false;
+    named_.swap(naming_);
+    naming_.assign(naming_.size(), false);
     std::copy(q, q + q_.size(), q_.begin());
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
     if (told.fault) why = {"state", Status::kInvalidState, Cause::kForeign, told.fault};
     if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why)) {
-      forget(), refused_ = true;
+      references_.skip(named_), presence_.take(named_), here_.clear();
+      refused_ = true;
       return held_tick(why, false);
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
     else budget_.skip();
     laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
-    attend(presence_.take());
+    attend(presence_.take(named_));
     if (!good_ && tick_.count_ == 1) hold_up();
     if (halt_->why()) {
-      forget();
+      references_.skip(named_), here_.clear();
       return held_tick({}, true);
     }
+    for (const std::size_t m : here_)
+      if (!named_[m] && !out_[m] && line_.members()[m].slot >= 0)
+        references_.hold_here(std::size_t(line_.members()[m].slot));
+    here_.clear();
     references_.take_holds(q_.data(), v_.data());
-    references_.apply(out_, left_out_.flags(), report());
+    references_.apply(out_, named_, left_out_.flags(), report());
     if (foreign_ && foreign_->fills) return filled_in_python();
     line_.write(q_.data(), v_.data(), around());
     if (foreign_ && foreign_->writes ? foreign_->failed || !line_.assembly().usable() : !line_.assembly().small())
@@ -368,6 +399,7 @@ class Guarded {
                         limiter(), tick_.x_.data(), report()))
       return held_tick({}, true);
     plain_notes_ = tick_.note_count_;
+    ordinary_ = answer_.point_count == 0;
     limits();
     send();
     if (budget_.limited() && answer_.status != Status::kOptimal)
@@ -388,7 +420,7 @@ class Guarded {
   // Come to rest: no answer is usable.  fit: true if this state is valid.
   const Tick& held_tick(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
-    fresh_ = true;
+    fresh_ = true, ordinary_ = false;
     halt_->rested(++tick_.held_);
     if (const char* stopped = halt_->why()) note(halt_->note(stopped));
     const auto start = [&] { return fit || placed_ ? from(!fit) : RestFrom{}; };
@@ -443,8 +475,9 @@ class Guarded {
   StateCheck check_;
   std::unique_ptr<Rest> rest_;
   std::unique_ptr<MotorLimits> motors_;
-  std::shared_ptr<Halt> halt_;  // of all lines of a session
+  std::shared_ptr<Halt> halt_;  // shared by all lines of a session
   std::unique_ptr<RateLimiter> limiter_;
+  double deadline_;  // [s], as the plan has it
   Budget budget_;
   std::vector<double> q_, v_, good_q_, good_v_, x_, start_, angles_, over_;
   References references_;
@@ -456,10 +489,13 @@ class Guarded {
   Presence presence_;
   PhaseLaws laws_;
   Presence::Out out_, rest_of_, stay_;
-  // good: x was sent.  placed: good_q_ and good_v_ are known.  timed: an answer was usable before.
-  bool refused_ = false;  // true if the state of the tick is not valid
+  bool refused_ = false;           // true if the state of the tick is not valid
+  Presence::Out named_, naming_;   // elements with a reference in this tick, and in the next one
+  std::vector<std::size_t> here_;  // elements to be held in the next tick where they are
+  // good: x was sent.  placed: good_q_ and good_v_ are known.  timed: an answer was usable before.  ordinary: the last
+  // tick had an answer with all tasks within reach.
   bool aside_ = false, good_ = false, placed_ = false, timed_ = false, fresh_ = true, attended_ = false,
-       answered_ = false;
+       answered_ = false, ordinary_ = false;
   Clock::time_point begin_, filled_, solved_;
   Answered answer_{};
   std::size_t plain_notes_ = 0;

@@ -112,20 +112,17 @@ class Line {
       assembly().weight(weight_.data());
       if (!torque()->hold(weight_.data(), origin_)) return {kInvalid};
     }
+    torque()->before(solve_, &assembly());  // another session may share it
     return torque()->run(v);
   }
   // Solve rows that are complete.
   Solved run(const double* v) { return solve_ ? solve_->run(v) : Solved{kAskPython}; }
   // Run this call ahead of the solver from now on; null for the solver alone.
-  void ahead(SolveCall* call) {
-    solve_ = call ? call : parts_.solver.get();
-    if (torque()) torque()->before(solve_, &assembly());
-  }
+  void ahead(SolveCall* call) { solve_ = call ? call : parts_.solver.get(); }
   // Rows again, where something else has written them, without a solve.
   void rewrite(const double* v) {
     torque()->before(nullptr, &assembly());
     torque()->run(v);
-    torque()->before(solve_, &assembly());
   }
 
   Answered answer(const Solved& found) {
@@ -222,6 +219,14 @@ class Line {
             most, violation, std::move(sentences)};
   }
   int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
+  const double* error(const Member& member) const { return laws_.error + member.row; }
+  // Force of a contact on the robot (row_end - row) at the torque x and the latest rows, in the axes of its rows; the
+  // reactions of all constraints are written to `force`.
+  const double* force(const Member& contact, const double* x, std::vector<double>& force) const {
+    torque()->forces(x, force);
+    for (std::size_t i = 0; i < force.size(); ++i) force[i] *= -laws_.weight[i];
+    return force.data() + contact.row;
+  }
 
  private:
   static const Status* statuses() {

@@ -17,6 +17,7 @@
 #include "callbacks.hpp"
 #include "guarded.hpp"
 #include "record.hpp"
+#include "transition.hpp"
 
 namespace binding {
 
@@ -53,6 +54,32 @@ class LiveSource {
   nb::object tree_;
   std::shared_ptr<std::vector<nb::object>> kept_ = std::make_shared<std::vector<nb::object>>();
   std::unique_ptr<Callbacks> callbacks_;
+};
+
+// A state as Python gives it.  time: of the state, or None; now: of the tick [s]; angles: of q if native kinematics do
+// not know all joints, or None; fault: why the state is not valid, or None.
+class GivenState {
+ public:
+  GivenState(const hqp::Line& line, nb::handle q, nb::handle v, nb::handle time, double now, nb::handle angles,
+             nb::handle fault)
+      : q_(q, true), v_(v, true), angles_(angles.is_none() ? v : angles, true) {
+    const int nq = line.nq(), nv = line.nv();
+    if (!q_.data() || !v_.data() || !q_.has(&nq, 1) || !v_.has(&nv, 1))
+      throw nb::type_error("q and v are vectors of doubles");
+    if (!time.is_none()) measured_ = nb::cast<double>(time), told.time = &measured_;
+    told.now = now;
+    if (!angles.is_none()) told.angles = angles_.data();
+    if (!fault.is_none()) told.fault = (fault_ = nb::cast<std::string>(fault)).c_str();
+  }
+  const double* q() const { return q_.data(); }
+  const double* v() const { return v_.data(); }
+
+  hqp::Guarded::Told told;
+
+ private:
+  hqp::Doubles q_, v_, angles_;
+  double measured_ = 0.0;
+  std::string fault_;
 };
 
 // A live session: references in, records out.
@@ -119,41 +146,22 @@ class LiveSession {
   // A record; a tuple (record, status, ticks held, notes, count of notes not on joint limits) unless the tick is
   // optimal without notes.
   nb::object step(nb::handle q, nb::handle v, nb::handle time, double now, nb::handle angles, nb::handle fault) {
-    hqp::Line& line = session_->line();
-    const int nq = line.nq(), nv = line.nv();
-    const hqp::Doubles at(q, true), speed(v, true), turned(angles.is_none() ? v : angles, true);
-    if (!at.data() || !speed.data() || !at.has(&nq, 1) || !speed.has(&nv, 1))
-      throw nb::type_error("q and v are vectors of doubles");
-    hqp::Guarded::Told told;
-    double measured = 0.0;
-    if (!time.is_none()) measured = nb::cast<double>(time), told.time = &measured;
-    told.now = now;
-    if (!angles.is_none()) told.angles = turned.data();
-    if (!fault.is_none()) told.fault = (fault_ = nb::cast<std::string>(fault)).c_str();
-    const hqp::Tick* tick = nullptr;
+    const GivenState given(session_->line(), q, v, time, now, angles, fault);
     {
       const nb::gil_scoped_release release;
-      tick = &session_->step(at.data(), speed.data(), told);
+      session_->step(given.q(), given.v(), given.told);
     }
+    return told();
+  }
+  // Record or tuple for the latest tick.
+  nb::object told() {
+    const hqp::Tick& tick = session_->tick();
     nb::object made = record(*session_, next_);
-    if (tick->status() == hqp::Status::kOptimal && tick->notes().size() == 0 && tick->held() == 0) return made;
-    return nb::make_tuple(made, static_cast<int>(tick->status()), tick->held(), notes(*tick), session_->plain_notes());
+    if (tick.status() == hqp::Status::kOptimal && tick.notes().size() == 0 && tick.held() == 0) return made;
+    return nb::make_tuple(made, static_cast<int>(tick.status()), tick.held(), notes(tick.notes()),
+                          session_->plain_notes());
   }
-
-  // Limit the change of x from `last` in place; return notes.
-  nb::list limit(const hqp::RateLimiter& limiter, const Vector& last, const Written& x) {
-    nb::list found;
-    if (x.size() != last.size()) throw nb::value_error("x: wrong shape");
-    session_->outgoing().limit(limiter, sized(last), x.data(), [&](const hqp::Note& note) { found.append(of(note)); });
-    return found;
-  }
-  bool measure(const std::string& name, double load) {
-    const hqp::Member* member = find(nb::str(name.c_str()).ptr());
-    if (!member || !member->contact) return false;
-    session_->contacts().measure(std::size_t(member - session_->line().members().data()), load);
-    return true;
-  }
-  void follow(const LiveSession& other) { session_->follow(*other.session_); }
+  void follow(const LiveSession& other) { session_->follow(*other.session_, other.session_->sent().data()); }
   // Hold this value until the element is left out.
   void keep_hold(const std::string& name, const Vector& value) {
     const hqp::Member* member = find(nb::str(name.c_str()).ptr());
@@ -172,26 +180,8 @@ class LiveSession {
     }
     return found;
   }
-  void aside() { session_->aside(); }
-  void alone(const Vector& x) { session_->alone(sized(x)); }
-  // Return (x, notes) of a blend that comes to rest.
-  nb::tuple rest(const Vector& last, bool good, std::int64_t held, bool fit, int why) {
-    const hqp::Tick& tick = session_->rest(sized(last), good, held, fit, static_cast<hqp::Status>(why));
-    nb::list x;
-    for (const double number : tick.x()) x.append(number);
-    return nb::make_tuple(x, notes(tick));
-  }
-  // Run this call ahead of the solver, None for the solver alone.
-  void ahead(const nb::object& call) {
-    ahead_ = call;
-    session_->line().ahead(call.is_none() ? nullptr : hqp::call_of(nb::cast<nb::capsule>(call)));
-  }
   std::string too_large(const Vector& q, const Vector& v, const Vector& angles) {
     return session_->too_large(q.data(), v.data(), angles.data());
-  }
-  // Count a tick that blends two sessions, which began at that time on the clock of perf_counter [s].
-  void count(double begin, bool cut, bool held, bool rejected_state, std::int64_t rejected_references) {
-    session_->count({begin, hqp::Guarded::now(), cut, held, rejected_state, rejected_references});
   }
   hqp::Counts counters() const { return session_->counters().counts(); }
   std::int64_t heartbeat() const { return session_->counters().heartbeat(); }
@@ -199,12 +189,17 @@ class LiveSession {
   std::int64_t held() const { return session_->tick().held(); }
   double deadline() const { return session_->budget().deadline(); }
   double margin() const { return session_->budget().margin(); }
+  hqp::Guarded& get() { return *session_; }
+
+  template <class Some>
+  static nb::list notes(const Some& told) {
+    nb::list found;
+    for (const hqp::Note& note : told)
+      found.append(nb::make_tuple(nb::str(note.element), static_cast<int>(note.status), nb::cast(note.text())));
+    return found;
+  }
 
  private:
-  const double* sized(const Vector& x) const {
-    if (x.size() != std::size_t(session_->line().size())) throw nb::value_error("x: wrong shape");
-    return x.data();
-  }
   const hqp::Member* find(PyObject* name) const {
     PyObject* found = PyDict_GetItem(index_.ptr(), name);
     return found ? &session_->line().members()[PyLong_AsSize_t(found)] : nullptr;
@@ -217,6 +212,7 @@ class LiveSession {
                             static_cast<int>(shape.size())))
       return false;
     session_->references().mark(k, what);
+    session_->name(std::size_t(&member - session_->line().members().data()));
     return true;
   }
   static bool turns(const hqp::Slot& slot, const double* value) {  // true if a rotation or pose is valid
@@ -230,6 +226,7 @@ class LiveSession {
     const hqp::Member* member = name.is_valid() ? find(name.ptr()) : nullptr;
     if (!member) return false;
     const std::size_t m = std::size_t(member - session_->line().members().data());
+    session_->name(m);
     if (const nb::handle load = field(given, load_); load.is_valid()) {
       if (!member->contact) return false;
       session_->contacts().measure(m, nb::cast<double>(load));
@@ -255,23 +252,70 @@ class LiveSession {
     PyObject* found = PyDict_GetItem(given.ptr(), name.ptr());
     return found == Py_None ? nullptr : found;
   }
-  static nb::tuple of(const hqp::Note& note) {
-    return nb::make_tuple(nb::str(note.element), static_cast<int>(note.status), nb::cast(note.text()));
-  }
-  static nb::list notes(const hqp::Tick& tick) {
-    nb::list found;
-    for (const hqp::Note& note : tick.notes()) found.append(of(note));
-    return found;
-  }
-
   LiveSource source_;
   std::unique_ptr<hqp::Guarded> session_;
   nb::dict index_;
   hqp::ReferenceFields fields_;
   nb::str load_{"load"}, on_{"on"};
-  std::string fault_;
-  nb::object ahead_;
   std::vector<double> next_;
+};
+
+// A transition between live sessions; `owner` (hqp/loop/transition) hears of each tick of a stack.
+class LiveTransition final : public hqp::Transition::Hooks {
+ public:
+  // sessions: of the stacks on the way; kept by the owner, as the transition that is under way to the first one.
+  LiveTransition(const nb::list& sessions, const nb::object& way, double ticks, LiveTransition* under_way,
+                 nb::handle owner)
+      : owner_(owner), way_(LivePlan(way, kept_)) {
+    std::vector<hqp::Guarded*> stacks;
+    for (const nb::handle one : sessions) {
+      sessions_.push_back(nb::cast<LiveSession*>(one));
+      stacks.push_back(&sessions_.back()->get());
+    }
+    transition_ = std::make_unique<hqp::Transition>(std::move(stacks), way_, ticks,
+                                                    under_way ? under_way->transition_.get() : nullptr, *this);
+  }
+  LiveTransition(const LiveTransition&) = delete;
+
+  void measure(const std::string& name, double load) { transition_->measure(name, load); }
+  void step(nb::handle q, nb::handle v, nb::handle time, double now, nb::handle angles, nb::handle fault) {
+    const GivenState given(sessions_[0]->get().line(), q, v, time, now, angles, fault);
+    const nb::gil_scoped_release release;
+    transition_->step(given.q(), given.v(), given.told);
+  }
+  void begin() { transition_->begin_sent(); }
+  void end() { transition_->end(); }
+  void pass_on(LiveSession& other) const { transition_->pass_on(other.get()); }
+  int depth() const { return transition_->depth(); }
+  double progress() const { return transition_->progress(); }
+
+ private:
+  void begins(std::size_t first, std::size_t second, bool arriving) override {
+    const nb::gil_scoped_acquire held;
+    owner_.attr("begins")(first, second, arriving);
+  }
+  void before(std::size_t k) override {
+    const nb::gil_scoped_acquire held;
+    owner_.attr("before")(k);
+  }
+  void after(std::size_t k) override {
+    const nb::gil_scoped_acquire held;
+    owner_.attr("after")(k, sessions_[k]->told());
+  }
+  void sent() override {
+    const nb::gil_scoped_acquire held;
+    const hqp::Transition::Sent& sent = transition_->sent();
+    const hqp::Tick& tick = transition_->tick();
+    owner_.attr("sent")(nb::make_tuple(sent.first, sent.second), sent.stack,
+                        nb::bytes(tick.x().data(), tick.x().size() * sizeof(double)), static_cast<int>(tick.status()),
+                        LiveSession::notes(sent.waits), LiveSession::notes(sent.limited), tick.held(), sent.done);
+  }
+
+  std::vector<nb::object> kept_;
+  nb::handle owner_;  // which owns this object
+  hqp::Way way_;
+  std::vector<LiveSession*> sessions_;
+  std::unique_ptr<hqp::Transition> transition_;
 };
 
 }  // namespace binding

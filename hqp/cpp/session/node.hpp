@@ -92,7 +92,7 @@ class Node : public PlanOf<Node> {
     for (const Json& one : told_->items) found.emplace_back(one, *memory_);
     return found;
   }
-  std::size_t size() const {  // of an array
+  std::size_t size() const {  // items of an array
     const std::vector<Json>& told = (*told_)["@"].items;
     if (told.size() != 3 || !(told[2].number >= 0.0 && told[2].number < 1e9))
       throw PlanError("a field of the plan is not an array: export it anew");

@@ -97,7 +97,8 @@ class Outgoing {
   }
 
   int size() const { return n_; }
-  Trend& trend() { return trend_; }  // trend of the sent answers
+  double most() const { return most_; }  // largest change of a motor's command in a tick of a transition
+  Trend& trend() { return trend_; }      // trend of the sent answers
   std::size_t rows() const { return slack_.size(); }
 
   // Write the answer or its replacement into x; return false if it is unusable, and the command must come to rest.

@@ -13,8 +13,8 @@
 
 namespace hqp {
 
-// Of a plan's file they are made; those of a session in Python are the program's own, for its answers and its
-// questions.
+// A session from a file makes its own; a session in Python shares the parts of its program, for answers and
+// explanations.
 struct Parts {
   std::shared_ptr<Kinematics> kinematics;  // null where Python's are read
   std::shared_ptr<Assembly> assembly;
@@ -57,7 +57,7 @@ Law law_of(const Node& p, std::size_t levels, std::size_t n) {
   return law;
 }
 
-// Of n variables, bound to the arrays of a plan.
+// Make the solver for n variables, bound to the arrays of a plan.
 template <class Node>
 std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
   if (n < 1 || n > 10000 || p.integer("n") != n)

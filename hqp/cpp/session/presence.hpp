@@ -16,7 +16,7 @@ class Presence {
 
   template <class Node>
   Presence(const Node& root, const std::vector<Member>& members)
-      : said_(members.size(), 0), out_(members.size()), before_(members.size()) {
+      : said_(members.size(), 0), last_(members.size(), 0), out_(members.size()), before_(members.size()) {
     const auto member = [&](const std::string& name) {
       for (std::size_t m = 0; m < members.size(); ++m)
         if (members[m].name == name) return m;
@@ -51,12 +51,15 @@ class Presence {
   // Set the presence of a member in the next tick.
   void say(std::size_t m, bool in) { said_[m] = in ? 1 : -1; }
   void forget() { std::fill(said_.begin(), said_.end(), 0); }
+  // As References::lasting.
+  void lasting(bool lasts) { lasting_ = lasts; }
 
-  // Return the absent members of this tick.
-  const Out& take() {
+  // Return the absent members of this tick.  named: members with a reference in it.
+  const Out& take(const Out& named) {
     out_ = declared_[phase_];
     for (std::size_t m = 0; m < out_.size(); ++m) {
-      if (said_[m]) out_[m] = said_[m] < 0;
+      if (named[m] || !lasting_) last_[m] = said_[m];
+      if (last_[m]) out_[m] = last_[m] < 0;
       said_[m] = 0;
     }
     follow();
@@ -81,7 +84,8 @@ class Presence {
   std::vector<std::string> names_;
   std::vector<Out> declared_;
   std::vector<Follower> followers_;
-  std::vector<int> said_;
+  std::vector<int> said_, last_;
+  bool lasting_ = false;
   std::size_t phase_ = 0;
   Out out_, before_;
 };

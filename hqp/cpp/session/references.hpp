@@ -22,7 +22,7 @@ class References {
       const int sizes[] = {slot.size(), slot.rows, slot.rows, 3};
       for (int field = 0; field < 4; ++field) given_[k].numbers[field].resize(std::size_t(sizes[field]));
     }
-    renewed_.reserve(given_.size());
+    renewed_.reserve(2 * given_.size());
   }
 
   // Index of the element; throws ReferenceError if no element with a reference has that name.
@@ -71,6 +71,34 @@ class References {
     for (Given& given : given_) given.fields = 0;
   }
 
+  // The references that an element had last hold as long as it has no other one; else each holds for one tick.
+  void lasting(bool lasts) { lasting_ = lasts; }
+  // Take the last references of another stack, by the names of elements, but for those with a new one.
+  void adopt(const References& other, const std::vector<bool>& named) {
+    for (std::size_t m = 0; m < named.size(); ++m) {
+      const Member& member = line_.members()[m];
+      const Given* theirs = member.slot < 0 || named[m] ? nullptr : other.given(member.name);
+      if (!theirs) continue;
+      Given& mine = given_[std::size_t(member.slot)];
+      mine.last = theirs->last;
+      for (int field = 0; field < 4; ++field) {
+        if (theirs->numbers[field].size() == mine.numbers[field].size()) mine.numbers[field] = theirs->numbers[field];
+        else mine.last &= ~(1u << field);
+      }
+    }
+  }
+  // Hold value of an element, null if it has none so far.
+  const std::vector<double>* held(const std::string& name) const {
+    const Given* given = this->given(name);
+    if (!given || !(holds_known_ || given->kept)) return nullptr;
+    return &line_.slots()[std::size_t(given - given_.data())].hold;
+  }
+  // Hold an element in this tick where it is.
+  void hold_here(std::size_t slot) {
+    given_[slot].last = 0;
+    renewed_.push_back(&line_.slots()[slot]);
+  }
+
   // Hold the value of another stack until the element is left out.
   void keep_hold(std::size_t slot, const double* values) {
     Slot& to = line_.slots()[slot];
@@ -96,8 +124,10 @@ class References {
 
   // Write references into the rows and hold values elsewhere, skipping absent elements. Mark soft elements with an
   // invalid reference in left_out, reporting each by note().
+  // named: elements with a reference in this tick.
   template <class Report>
-  void apply(const std::vector<bool>& absent, std::vector<bool>& left_out, const Report& note) {
+  void apply(const std::vector<bool>& absent, const std::vector<bool>& named, std::vector<bool>& left_out,
+             const Report& note) {
     const std::vector<Member>& members = line_.members();
     settle(line_.slots(), live_);
     for (std::size_t m = 0; m < members.size(); ++m) {
@@ -105,7 +135,7 @@ class References {
       if (members[m].slot < 0) continue;
       Slot& slot = line_.slots()[std::size_t(members[m].slot)];
       Given& given = given_[std::size_t(members[m].slot)];
-      const unsigned fields = std::exchange(given.fields, 0);
+      const unsigned fields = take(given, named[m]);
       if (absent[m] || !fields) continue;
       write(slot, given.numbers, fields);
       const bool finite = slot.is_finite();
@@ -116,6 +146,13 @@ class References {
       why.left_out = left_out[m];
       note(why);
     }
+  }
+
+  // End a tick without rows.
+  void skip(const std::vector<bool>& named) {
+    for (const Member& member : line_.members())
+      if (member.slot >= 0)
+        take(given_[std::size_t(member.slot)], named[std::size_t(&member - line_.members().data())]);
   }
 
   // Carry hold values over to the next tick of this world.
@@ -133,10 +170,26 @@ class References {
   // Reference of one element in the next tick: value, velocity, acceleration, normal, and a bit for each given field.
   struct Given {
     std::vector<double> numbers[4];
-    unsigned fields = 0;
-    bool held = false;  // true if a program has set the hold value
-    bool kept = false;  // true if the hold value comes from another stack
+    unsigned fields = 0, last = 0;  // last: fields of the last tick, 0 if a number was not finite
+    bool held = false;              // true if a program has set the hold value
+    bool kept = false;              // true if the hold value comes from another stack
   };
+
+  const Given* given(const std::string& name) const {
+    for (const Member& member : line_.members())
+      if (member.name == name) return member.slot < 0 ? nullptr : &given_[std::size_t(member.slot)];
+    return nullptr;
+  }
+  // Fields of the reference in this tick.
+  unsigned take(Given& given, bool named) const {
+    const unsigned fields = std::exchange(given.fields, 0);
+    if (!named && lasting_) return given.last;
+    given.last = fields;
+    for (int field = 0; field < 4; ++field)
+      if (fields >> field & 1 && !finite(given.numbers[field].data(), static_cast<int>(given.numbers[field].size())))
+        given.last = 0;
+    return fields;
+  }
 
   static void write(Slot& slot, const std::vector<double>* numbers, unsigned fields) {
     double* const to[] = {slot.target, slot.rate, slot.feedforward, slot.normal};
@@ -149,7 +202,7 @@ class References {
   bool live_;
   std::vector<Given> given_;
   std::vector<Slot*> renewed_;
-  bool holds_known_ = false;
+  bool holds_known_ = false, lasting_ = false;
 };
 
 }  // namespace hqp

@@ -108,6 +108,9 @@ std::string Note::text() const {
       return where;
     case Cause::kDynamics:
       return "the joint-space inertia is not positive definite";
+    case Cause::kBears:
+      return "cannot be released: it still carries " + g3(amount) + " N" +
+             (most >= 0.0 ? " and " + g3(most) + " N m" : "") + "; unload it first";
     case Cause::kNoState:
       return "no valid state so far: the command is zero";
     case Cause::kStopped:

@@ -141,7 +141,7 @@ class Session {
   int nv() const;
   double dt() const;
   const std::string& robot() const;
-  // Of joint names, limits and masses of the robot that the plan was written for: compare it with Python's
+  // Fingerprint of joint names, limits and masses of the robot that the plan was written for: compare it with Python's
   // hqp.fingerprint(robot) of the robot that is to move, before the loop.
   const std::string& fingerprint() const { return fingerprint_; }
   const std::vector<std::string>& joint_names() const;  // in the order of a command

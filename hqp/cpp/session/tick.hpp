@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <vector>
 
@@ -78,6 +79,7 @@ enum class Cause {
   kStopped,    // a stop holds the robot, where: its reason
   kStart,      // no command was known before the first tick
   kForeign,    // a fault of rows written in Python
+  kBears,      // a contact on its way out still carries a force [N] and, in `most`, a moment [N m]
 };
 
 // A row that is off: its name and by how much; of_shapes: true if it has a distance [m].
@@ -102,6 +104,11 @@ struct Note {
   int row_count = 0;
 
   std::string text() const;
+  bool same(const Note& other) const {
+    return std::strcmp(element, other.element) == 0 && status == other.status && cause == other.cause &&
+           std::strcmp(where, other.where) == 0 && amount == other.amount && allowed == other.allowed &&
+           most == other.most && left_out == other.left_out && row == other.row && row_count == other.row_count;
+  }
 };
 
 class Tick {
@@ -120,6 +127,7 @@ class Tick {
 
  private:
   friend class Guarded;
+  friend class Transition;
   static constexpr std::size_t kNotes = 16;
 
   std::vector<double> command_, x_, residuals_;

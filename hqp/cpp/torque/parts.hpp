@@ -119,6 +119,18 @@ class TorqueParts final : public SolveCall {
     return hold(held_.data(), g, tau);
   }
 
+  // The multipliers lambda (m) of the constraints at a torque: T lambda = top (tau, 1), T upper triangular.
+  void forces(const double* tau, std::vector<double>& lambda) const {
+    lambda.resize(m_);
+    for (std::size_t i = m_; i-- > 0;) {
+      const double* row = top_ + i * (n_ + 1);
+      double sum = row[n_];
+      for (std::size_t j = 0; j < n_; ++j) sum += row[j] * tau[j];
+      for (std::size_t k = i + 1; k < m_; ++k) sum -= T_[i * m_ + k] * lambda[k];
+      lambda[i] = sum / T_[i * m_ + i];
+    }
+  }
+
   // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A and J of a state
   // at rest and its g; false if there is none.
   bool at_rest(const double* g, double* tau, double* felt) {

@@ -17,22 +17,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Vec
 from hqp.declare.element import Constraint, Element, selection_of
 from hqp.declare.law import PD, Law
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Level, Stack, coupled
 from hqp.errors import DeclarationError
-from hqp.explanation.notes import Note
-from hqp.loop.transition.blend import same_quantity
-from hqp.problem import Status
-
-BEARS_NOTHING = 1e-2
-"""Largest force of a contact that is released [N, N m]."""
+from hqp.loop.transition.surviving import same_quantity
 
 
 @dataclass(frozen=True)
@@ -133,17 +126,3 @@ def allows_zero(element: Element, size: int) -> bool:
         return False
     _, lower, upper = maker(size)
     return bool(np.all(lower <= 0.0) and np.all(upper >= 0.0))
-
-
-def bearing(program: Any, x: Vec, contacts: Sequence[str]) -> tuple[Note, ...]:
-    """Notes on contacts that are to be released and still bear something."""
-    forces = program.contact_forces(x)
-    notes = []
-    for name in contacts:
-        force = np.atleast_1d(forces[name])
-        if float(np.abs(force).max(initial=0.0)) > BEARS_NOTHING:
-            moment = f" and {np.linalg.norm(force[3:]):.3g} N m" if force.size > 3 else ""
-            bears = f"{np.linalg.norm(force[:3]):.3g} N{moment}"
-            why = f"cannot be released: it still carries {bears}; unload it first"
-            notes.append(Note(name, Status.OPTIMAL, why))
-    return tuple(notes)

@@ -1,0 +1,119 @@
+// How far a transition has come from one stack to the next, and the blend of two answers at that point:
+//
+//   x = x_a + h (x_b - x_a),    h = 3 s^2 - 2 s^3 from 0 to 1
+//
+// Both answers lie in the convex set of optima of every level that the two stacks share from the top, so x does: levels
+// above a change are as they were, exactly.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "easing.hpp"
+
+namespace hqp {
+
+inline double smooth(double s) { return s * s * (3.0 - 2.0 * s); }
+// s with smooth(s) = h.
+inline double inverse(double h) { return 0.5 - std::sin(std::asin(1.0 - 2.0 * std::min(std::max(h, 0.0), 1.0)) / 3.0); }
+
+class Ramp {
+ public:
+  static constexpr double kStill = 1e-9;  // share of the largest change below which a command is the same in both
+  // A transition that has taken this many times its duration goes on at a pace of 1 / kPatience whatever the command
+  // does, so that it ends.
+  static constexpr double kPatience = 10.0;
+  static constexpr double kNearly = 1.0 - 1e-6;  // how far a pair gets while its command is limited
+
+  // ticks: least number for all pairs.  cap: largest change of a motor's command in a tick.  motors: their indices in
+  // x.
+  Ramp(double ticks, double cap, std::vector<int> motors)
+      : ticks_(ticks), left_(kPatience * ticks), cap_(cap), most_(cap), motors_(std::move(motors)) {}
+
+  // Spans of the pairs: 0 for one that takes a single tick, else 1.
+  void take(std::vector<double> spans) {
+    spans_ = std::move(spans);
+    total_ = 0.0;
+    for (const double span : spans_) total_ += span;
+    pace_ = total_ / ticks_;
+  }
+
+  std::size_t at() const { return at_; }  // pair
+  bool arriving() const { return at_ + 1 == spans_.size(); }
+  bool done() const { return arriving() && s_ >= 1.0; }
+  double most() const { return most_; }  // largest change of a command in this tick
+  double progress() const {              // 0 at the start, 1 at the end of all pairs
+    double before = 0.0;
+    for (std::size_t k = 0; k < at_; ++k) before += spans_[k];
+    return (before + spans_[at_] * smooth(s_)) / total_;
+  }
+  // h that this tick comes to unless a command would change too fast.  wait: no further than before.
+  double target(bool wait) const { return smooth(wait ? s_ : std::min(1.0, s_ + (spans_[at_] > 0.0 ? pace_ : 1.0))); }
+
+  // Write x as far from a to b as h says, and as the largest change of a command allows if a point between the two
+  // does: cap, and after a measured touch-down or lift-off (felt), which is answered at once, so much more than the
+  // answers change by themselves.  Return the largest change.
+  double blend(const double* a, const double* b, const double* last, double h, const Easing* ease, bool felt, double* x,
+               std::size_t n) {
+    const auto weight_at = [&](double at) { return ease ? ease->weight(at) : at; };
+    double weight = weight_at(h), s = inverse(h);
+    if (s > s_) left_ -= 1.0;
+    double reach = between(a, b, last, weight, x, n);
+    most_ = cap_;
+    if (reach > cap_ && felt) most_ += between(a, b, last, weight_at(smooth(s_)), x, n);
+    if (reach > most_) {
+      const double least = weight_at(smooth(std::min(s, s_ + (left_ < 0.0 ? pace_ / kPatience : 0.0))));
+      const double fast = fastest(a, b, last, weight);
+      if (fast > 0.0) weight = std::max(least, fast);
+      s = inverse(ease ? ease->share(weight) : weight);
+    }
+    reach = between(a, b, last, weight, x, n);
+    s_ = h >= 1.0 && weight >= 1.0 ? 1.0 : std::max(s_, s);
+    return reach;
+  }
+  // What is sent is not the blend: a pair does not end there.
+  void limited() { s_ = std::min(s_, kNearly); }
+  // Begin the next pair if this one is done; return true if so.
+  bool advance() {
+    if (!(s_ >= 1.0) || arriving()) return false;
+    ++at_, s_ = 0.0;
+    return true;
+  }
+
+  template <class State>
+  void keep(State& state) {
+    state.take(at_), state.take(s_), state.take(left_);
+  }
+
+ private:
+  double between(const double* a, const double* b, const double* last, double weight, double* x, std::size_t n) const {
+    for (std::size_t i = 0; i < n; ++i) x[i] = a[i] + weight * (b[i] - a[i]);
+    double largest = 0.0;
+    for (const int i : motors_) {
+      const double change = std::fabs(x[i] - last[i]);
+      if (!(change <= largest)) largest = change;
+    }
+    return largest;
+  }
+  // The largest weight below the given one for which no command changes by more than most, 0 if there is none.
+  double fastest(const double* a, const double* b, const double* last, double weight) const {
+    double low = 0.0, high = weight;
+    for (const int i : motors_) {
+      const double difference = b[i] - a[i], size = std::fabs(difference);
+      if (!(size > kStill * cap_)) continue;
+      const double reach = most_ / size, middle = -(a[i] - last[i]) / difference;
+      low = std::max(low, middle - reach), high = std::min(high, middle + reach);
+    }
+    return low <= high ? high : 0.0;
+  }
+
+  double ticks_, left_, cap_, most_;
+  std::vector<int> motors_;
+  std::vector<double> spans_;
+  double total_ = 1.0, pace_ = 1.0, s_ = 0.0;
+  std::size_t at_ = 0;
+};
+
+}  // namespace hqp
