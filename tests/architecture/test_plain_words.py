@@ -30,7 +30,6 @@ SPARE = 5
 
 CEILINGS = {
     "CHANGELOG.md": (30, 55, 15, 55),
-    "docs": (30, 50, 15, 20),
     "hqp/cpp/priced": (70, 25, 25, 10),
     "hqp/cpp/session": (65, 55, 45, 20),
     "hqp/loop": (195, 150, 45, 60),
