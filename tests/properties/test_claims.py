@@ -1,4 +1,4 @@
-"""What docs/safety.md promises, on robots other than the one it was written with: a humanoid, arms, a child's size."""
+"""Promises of docs/safety.md on robots other than the one of the page: a humanoid, arms, a child-sized robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueL
 
 DT = 0.002
 BAD = 3
-"""Evaluation from which on an element fails."""
+"""First evaluation with a fault."""
 
 ROBOTS = ["g1", "ur5", *(pytest.param(name, marks=pytest.mark.slow) for name in ("icub", "romeo", "panda", "cbi"))]
 FORMULATIONS = pytest.mark.parametrize(
@@ -27,7 +27,7 @@ FORMULATIONS = pytest.mark.parametrize(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultyTask(Position):
-    """A user's task that goes wrong in a way of its own."""
+    """User task with a given fault."""
 
     kind: str = ""
 
@@ -43,7 +43,7 @@ class FaultyTask(Position):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultyWall(Inequality):
-    """A user's inequality whose bounds go wrong."""
+    """User inequality with faulty bounds."""
 
     frame: str = ""
     kind: str = ""

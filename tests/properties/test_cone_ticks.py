@@ -1,4 +1,4 @@
-"""Ticks of closed loops beside cone programs: no answer costs more than the best by what counts."""
+"""Ticks of closed loops against cone programs: no answer has a higher stage cost than the optimum."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tests.solvers.cones import Oracle
 pytest.importorskip("clarabel")
 
 COUNT, TICKS = 18, 2000
-"""Of each robot and formulation, in one scene: so many of the first ticks."""
+"""Number of ticks of each robot and formulation in one scene, drawn from the first TICKS."""
 
 
 def points(tick: Answered) -> Mat:
-    """What each level handed down: its stage point, or x for levels without one above the stages, and for the last."""
+    """Points that the levels hand down: stage points, or x for levels without one above the stages and for the last."""
     problem, solution = tick.problem, tick.solution
     found = np.full((len(problem.levels), problem.n), np.nan)
     if solution.stage_points is not None:

@@ -1,4 +1,4 @@
-"""Closed loops in which everything goes wrong: what must never happen does not."""
+"""Closed loops with every disturbance: no forbidden result occurs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def test_no_event_breaks_a_loop(name: str, level: str) -> None:
     assert record.ticks == ticks
     assert sum(record.events.values()) > 0
     again = soak(load(name), level, ticks, np.random.default_rng(7), Record())
-    assert sent == again  # the same bits twice
+    assert sent == again  # equal bits twice
 
 
 @pytest.mark.slow
 def test_ten_thousand_hostile_ticks() -> None:
-    """A part of what ``make soak`` runs: seven robots at three levels, with rates and without."""
+    """A part of ``make soak``: seven robots at three levels, with rates and without."""
     rng, record = np.random.default_rng(11), Record()
     for turn, (name, level) in enumerate(product(ROBOTS, LEVELS)):
         soak(load(name), level, 480, rng, record, RATES if turn % 2 else None)

@@ -1,4 +1,4 @@
-"""Everything turned about the vertical, by 36 headings and by whole turns: nothing but the turn may change."""
+"""Rotate the whole scene about the vertical, by 36 headings and by whole turns: results rotate, nothing else changes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STEPS = Footsteps(period=0.75, width=0.17, reach=Reach(forward=0.3, least=0.12, 
 
 
 def turned(q: Any, heading: float) -> Any:
-    """A configuration with its base turned about the world's vertical axis."""
+    """Rotate the base of a configuration about the world's vertical axis."""
     R = about_vertical(heading)
     return np.concatenate((R @ q[:3], quaternion_of(R @ rotation_of(q[3:7])), q[7:]))
 
@@ -42,7 +42,7 @@ def test_angles_differ_by_less_than_half_a_turn() -> None:
 
 @pytest.mark.parametrize("whole", [0.0, *TURNS])
 def test_steps_and_landings_turn_with_the_stance_foot(whole: float) -> None:
-    """A foot's yaw is measured within half a turn; that of the plan goes on."""
+    """A foot's yaw is measured within half a turn; the plan's yaw is continuous."""
     for heading in HEADINGS:
         R = about_vertical(heading)[:2, :2]
         for side in (LEFT, RIGHT):
@@ -78,7 +78,7 @@ def test_a_foot_in_the_air_turns_the_shorter_way(whole: float) -> None:
 
 @pytest.mark.parametrize("whole", [0.0, *TURNS])
 def test_what_an_operator_turns_is_followed_the_shorter_way(whole: float) -> None:
-    """A hand that turns by 0.5 rad/s, through half a turn, as an angle, a rotation and a pose."""
+    """A hand that turns by 0.5 rad/s through half a turn, as an angle, a rotation and a pose."""
     robot = hqp.robots.load("cbi")
     frame = robot.landmarks["hands"][0] if "hands" in robot.landmarks else robot.frame_names[-1]
     tasks = (Orientation(frame=frame, axes="yaw"), Orientation(frame=frame), Pose(frame=frame))
@@ -108,7 +108,7 @@ def test_what_an_operator_turns_is_followed_the_shorter_way(whole: float) -> Non
 
 
 def test_an_estimate_turns_with_the_robot() -> None:
-    """Feet that twist on the ground, an IMU that drifts: by the same errors, whatever the heading."""
+    """Feet that twist on the ground and an IMU that drifts cause equal errors at every heading."""
     robot = hqp.robots.load("g1")
     soles, found = robot.landmarks["soles"], []
     for heading in HEADINGS:
@@ -126,7 +126,7 @@ def test_an_estimate_turns_with_the_robot() -> None:
 
 
 def walked(heading: float, seconds: float, turn: float) -> Any:
-    """Torques of G1's walker, its model integrated, from a start that is turned ``(T, n)``."""
+    """Torques of G1's walker with its model integrated, from a rotated start ``(T, n)``."""
     walker = Walker(hqp.robots.load("g1", rotors=True), deadline=math.inf)
     walker.go(0.1, 0.0, turn)
     q, v, sent = turned(walker.start, heading), np.zeros(walker.robot.nv), []
@@ -137,7 +137,7 @@ def walked(heading: float, seconds: float, turn: float) -> Any:
 
 
 def test_a_walk_does_not_know_its_heading() -> None:
-    """Facing back, where a measured yaw changes its sign."""
+    """Walk backwards, across the change of sign of the measured yaw."""
     one, other = walked(0.0, 2.2, 0.3), walked(math.pi, 2.2, 0.3)
     assert np.abs(one - other).max() < 1e-6
 

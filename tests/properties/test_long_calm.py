@@ -1,4 +1,4 @@
-"""Hands out of reach for many seconds: what is calm at first must stay calm, and arms that can move must not stall."""
+"""Hands out of reach for many seconds: calm persists, and arms that can move do not stall."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def stack_of(robot: Robot, com: Law, base: Law, posture: Law, hand: Position) ->
 
 
 def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000, dt: float = 0.002) -> int:
-    """Periods of 0.8 s, but the first two, in which a command is restless; base and posture are not slowed."""
+    """Count restless periods of 0.8 s after the first two; base and posture have no speed limit."""
     robot = hqp.robots.load(name)
     hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0, max_velocity=0.5), name="hand")
     stack = stack_of(robot, P(2.0), P(2.0), P(gain), hand)
@@ -61,7 +61,7 @@ def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000
     ],
 )
 def test_out_of_reach_it_stays_calm(name: str, ahead: list[float]) -> None:
-    """A posture as fast as its law asks turns the rows of hand and base from tick to tick."""
+    """A posture as fast as its law demands turns the rows of hand and base from tick to tick."""
     assert restless(name, ahead) == 0
 
 
@@ -82,7 +82,7 @@ def test_at_slow_rates_too(name: str, dt: float) -> None:
     ],
 )
 def test_an_eager_base_below_hands_out_of_reach(seed: int, loop: str) -> None:
-    """The base has the joints that the hands have."""
+    """Base and hands use the same joints."""
     (found,) = drawn.loops("velocity", [seed])
     assert loop == f"{found['robot']}, {found['scene'].split(': ')[1].split(', ')[0]}"
     assert float(found["reversals"]) < 5.0
@@ -128,7 +128,7 @@ def test_torques_do_not_jump_as_a_level_comes_to_be_unmet(ahead: list[float]) ->
     "joints", [2, pytest.param(3, marks=pytest.mark.slow), 6, pytest.param(7, marks=pytest.mark.slow)]
 )
 def test_a_nearly_straight_arm_arrives_at_a_target_on_its_line(joints: int, formulation: str) -> None:
-    """The posture, drawn to the straight arm, must not undo the little motion that the lost direction allows."""
+    """The posture, attracted to the straight arm, must not undo the small motion along the nearly lost direction."""
     records = list(straight.measure(formulation, [joints], PRICED))
     assert len(records) == 6
     assert not list(straight.misses(records))
@@ -137,7 +137,7 @@ def test_a_nearly_straight_arm_arrives_at_a_target_on_its_line(joints: int, form
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "xarm7", "g1", "talos"])
 def test_goals_on_a_straight_way_are_reached(name: str) -> None:
-    """Where a speed limit keeps the demand within what joints can do, so that the hand goes straight."""
+    """A speed limit keeps the demand within the joints' ability, so that the hand moves straight."""
     records = [r for r in arrival.measure(name, range(48), PRICED) if r["joined"] and r["limited"]]
     assert records
     assert not [r for r in records if r["priced"] == math.inf > r["exact"]]
@@ -165,7 +165,7 @@ def test_a_gripper_is_not_slowed_with_the_arm() -> None:
 
 
 def test_the_other_arm_follows_its_posture() -> None:
-    """No row of the hand out of reach has it: it turns nothing."""
+    """Its joints are in no row of the unreachable hand: they turn no rows."""
     robot = hqp.robots.load("baxter", floating=False)
     hand = Position(frame="left_gripper_base_link", law=P(5.0, max_velocity=0.4), name="hand")
     posture = Posture(law=P(10.0), name="posture")

@@ -1,4 +1,4 @@
-"""Stacks drawn at random on many robots, each for some ticks in a loop of its own: every answer is judged."""
+"""Random stacks on many robots, each for some ticks in a closed loop: judge every answer."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def element(rng: Generator, robot: Robot, law: Callable[[], Law], name: str) -> 
 
 
 def draw(rng: Generator, robot: Robot, order: int) -> Stack:
-    """Up to five levels of anything anywhere, conflicting or singular as it comes, mostly under joint limits."""
+    """Up to five levels of random elements, possibly conflicting or singular, mostly under joint limits."""
 
     def law() -> Law:
         return P(rng.uniform(0.5, 20.0)) if order == 1 else PD(rng.uniform(1.0, 400.0))
@@ -69,11 +69,11 @@ def test_no_answer_is_called_optimal_that_is_not(seed: int) -> None:
         for _ in range(TICKS):
             goals = [stack.find(name, Position).at(goal) for name, goal in reach.items()]
             tick = session.step(robot.state(q, v), *goals)
-            if tick.status is Status.INVALID_STATE:  # flung beyond what is taken for a state
+            if tick.status is Status.INVALID_STATE:  # a state outside the accepted bounds
                 break
             assert tick.solution is not None
             if robot.couplings and tick.solution.status is Status.CONSTRAINTS_VIOLATED:
-                break  # a random configuration is off its couplings, the window lets it come back no faster
+                break  # a random configuration violates its couplings, and the window limits the return
             assert tick.solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN), tick.solution.detail
             if tick.solution.status is Status.OPTIMAL:
                 verdict = certificate(session.problem, tick.solution.x)
@@ -86,7 +86,7 @@ def test_no_answer_is_called_optimal_that_is_not(seed: int) -> None:
 
 
 def test_a_posture_in_three_levels_runs_no_stages_within_reach() -> None:
-    """A base that rests is met, however small the terms of its rows are beside the rounding of the arm's."""
+    """A base at rest is met, even if its terms are small compared with the rounding of the arm's."""
     robot = load("talos")
     names = robot.joint_names
     keys = ("torso", "head"), ("arm", "gripper"), ("leg",)

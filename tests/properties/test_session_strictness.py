@@ -1,4 +1,4 @@
-"""The promise of the library, in the loop: what a lower level is asked for never moves a higher residual."""
+"""Promise of the library in the loop: the reference of a lower level never changes a higher residual."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def robots() -> dict[str, Robot]:
 def residuals(robot: Robot, solver: str, q: np.ndarray, hand: np.ndarray, tilt: np.ndarray) -> list[float]:
     controller = hqp.Controller(stack(robot), solver=solver, deadline=math.inf)
     session = controller.session(robot, 0.002)
-    session.step(robot.state())  # hold values are those of home
+    session.step(robot.state())  # hold values at home
     task, trunk = session.stack.find("hand", Position), session.stack.find("trunk", Orientation)
     tick = session.step(robot.state(q), task.at(hand), trunk.at(tilt))
     assert tick.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN), tick.notes
@@ -68,7 +68,7 @@ def test_nor_with_a_cascade(robots: dict[str, Robot], seed: int, reach: float) -
 
 
 def keeps(robot: Robot, solver: str, seed: int, reach: float) -> None:
-    """Neither another hand's target nor another tilt moves a residual above it."""
+    """Another target of the hand or another tilt changes no residual above it."""
     rng = np.random.default_rng(seed)
     q = robot.integrate(robot.home, 0.05 * rng.standard_normal(robot.nv), 1.0)
     palm = robot.state(q).position(robot.landmarks["palms"][1])
@@ -77,8 +77,8 @@ def keeps(robot: Robot, solver: str, seed: int, reach: float) -> None:
     same_hand = [residuals(robot, solver, q, goals[0], tilt) for tilt in tilts]
     other_hand = residuals(robot, solver, q, goals[1], tilts[0])
     scale = 1.0 + 5.0 * reach
-    # limits, balance whatever the hand wants; limits, balance and hand whatever the trunk wants: to rounding, or
-    # to what the levels below gain by it: ||A (x - x_a)||^2 / (2 eta omega) is at most that
+    # limits and balance for any hand target; limits, balance and hand for any trunk target: equal to rounding, or up to
+    # the gain of the levels below: ||A (x - x_a)||^2 / (2 eta omega) is at most that
     room = 1e-8 * scale + np.sqrt(2.0 * ETA * scale * np.minimum(*np.array(same_hand)))
     assert np.all(np.abs(np.subtract(same_hand[0], other_hand))[:2] < 1e-8 * scale)
     assert np.all(np.abs(np.subtract(*same_hand))[:3] < room[:3])

@@ -1,4 +1,4 @@
-"""Properties that any strict solver has, on hierarchies drawn at random."""
+"""Properties of every strict solver, on random hierarchies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hqp.lab.problem_families import FAMILIES
 from hqp.solvers import Solver
 from tests.solvers.conformance import Subject, subjects, supports
 
-NAMES = sorted(set(FAMILIES) - {"zero_rows"})  # zero rows aside, every family is well scaled enough to compare answers
+NAMES = sorted(set(FAMILIES) - {"zero_rows"})  # except zero rows, every family is well scaled enough to compare answers
 CLOSE = 1e-6
 
 
@@ -36,7 +36,7 @@ some = settings(max_examples=25, suppress_health_check=list(HealthCheck))
 
 
 def solved(solver: Solver, problem: Hierarchy) -> Solution | None:
-    """The solution where the solver takes the problem and vouches for its answer."""
+    """The solution, if the solver accepts the problem and reports it solved."""
     if not supports(solver, problem):
         return None
     solution = solver.solve(problem)
@@ -48,7 +48,7 @@ def size(problem: Hierarchy, *solutions: Solution) -> float:
 
 
 def same_slacks(problem: Hierarchy, one: Solution, two: Solution, levels: int) -> None:
-    """The optimal slack of a level is unique, whatever x carries it."""
+    """The optimal slack of a level is unique for any x."""
     for rows, w, v in zip(problem.levels[:levels], one.residuals, two.residuals, strict=False):
         length = 1.0 + np.abs(rows.dense(problem.n)).sum(axis=1).max(initial=0.0)
         np.testing.assert_allclose(w, v, rtol=0.0, atol=CLOSE * length * size(problem, one, two))
@@ -95,7 +95,7 @@ def test_the_scale_of_a_level_does_not_matter(solver: Solver, problem: Hierarchy
     k, scale = pick % len(problem.levels), 10.0**exponent
     rows = problem.levels[k]
     lengths = [float(np.linalg.norm(r.dense(problem.n), axis=1).max(initial=0.0)) for r in problem.levels]
-    if lengths[k] <= 1e-9 * max(lengths):  # rounding, until a factor makes it more
+    if lengths[k] <= 1e-9 * max(lengths):  # rounding, until a factor enlarges it
         return
     scaled = Rows(scale * rows.dense(problem.n), scale * rows.lower, scale * rows.upper)
     after = solved(solver, replace(problem, levels=(*problem.levels[:k], scaled, *problem.levels[k + 1 :])))
