@@ -1,4 +1,4 @@
-"""A robot in closed loop that follows an operator, whose packets a test spoils."""
+"""A robot in closed loop that follows an operator through disturbed packets."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from hqp.tasks import CenterOfPressure, Com, FixedContact, FrictionCone, JointLi
 
 DT = 0.002
 HOLD = 0.2
-"""The operator rests for so long at first [s]."""
+"""Initial rest of the operator [s]."""
 
 Spoil: TypeAlias = "Callable[[float, Mat], Iterator[dict[str, Any]]]"
-"""What becomes of a packet: its time and pose in, keywords of ``Follow.receive`` out, ``value`` among them."""
+"""Disturbance of a packet: from its time and pose to keywords of ``Follow.receive``, ``value`` among them."""
 
 
 def plain(t: float, pose: Mat) -> Iterator[dict[str, Any]]:
-    """A packet as it was sent."""
+    """Forward a packet unchanged."""
     yield {"value": pose, "sent": t}
 
 
 @dataclass
 class Done:
-    """Tick by tick: distance of hand and of reference from the operator ``(n,)`` [m], commands ``(n, k)``, notes."""
+    """By tick: distance of hand and of reference from the operator ``(n,)`` [m], commands ``(n, k)``, notes."""
 
     time: Vec
     off: Vec
@@ -71,7 +71,7 @@ def setup(name: str, torque: bool = False) -> tuple[Any, Pose, Stack, Vec]:
 
 
 def swing(home: Mat, t: float) -> Mat:
-    """The operator's pose: round a circle of 7 cm, once in 2 s, turning as it goes, eased in within 1 s."""
+    """The operator's pose: on a circle of 7 cm, once in 2 s, with rotation, eased in within 1 s."""
     angle = np.pi * max(t - HOLD, 0.0)
     u = min(max(t - HOLD, 0.0), 1.0)
     ease = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)

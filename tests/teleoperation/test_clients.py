@@ -1,4 +1,4 @@
-"""Operators over UDP and over a websocket: what is let in, and what becomes of it."""
+"""Operators over UDP and over a websocket: accepted messages and their effect."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def until(done: Callable[[], bool]) -> None:
 
 
 def guide(follow: Follow, state: Any, send: Callable[[float, float], None]) -> Any:
-    """Rest until the reference follows, go 6 cm within 0.8 s, and rest there; the reference once it is there, or last.
+    """Rest until the reference follows, move 6 cm within 0.8 s, and rest there; return the final reference.
 
-    Stamps are true ones, and the end is waited for: on a busy machine that takes longer.
+    Stamps are real times, and the function awaits the end: a busy machine takes longer.
     """
     home, begin = HAND.value(state), float("inf")
     end = time.monotonic() + 60.0
@@ -61,7 +61,7 @@ def guide(follow: Follow, state: Any, send: Callable[[float, float], None]) -> A
 
 
 def test_hands_over_udp_move_the_reference(state: Any) -> None:
-    follow = Follow(HAND, clutch=True, max_age=5.0)  # a busy machine is no silence
+    follow = Follow(HAND, clutch=True, max_age=5.0)  # delays of a busy machine are no silence
     home = HAND.value(state)
     with UdpReceiver({"right": follow}) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
 
@@ -158,7 +158,7 @@ def test_the_page_is_for_who_has_the_address(state: Any) -> None:
 
             def send(shift: float, sent: float) -> None:
                 told = message(0.0, sent)
-                told["hands"]["right"]["position"] = [0.0, 0.0, -shift]  # ahead, as WebXR has it
+                told["hands"]["right"]["position"] = [0.0, 0.0, -shift]  # ahead, in WebXR's axes
                 connection.send(json.dumps(told))
 
             reference = guide(follow, state, send)
@@ -216,7 +216,7 @@ def test_only_true_takes_over(take_over: Any) -> None:
 
 @pytest.mark.parametrize("how", ["takes over", "comes after"])
 def test_a_new_operator_needs_a_new_squeeze(state: Any, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The robot's hand does not go on by the grip of somebody who was not yet in control when closing it."""
+    """The robot's hand does not move on while a grip is closed that began before its operator had control."""
     now = 100.0
     monkeypatch.setattr("hqp.teleoperation.follow.monotonic", lambda: now)
     follow = Follow(HAND, clutch=True, max_age=5.0)

@@ -1,4 +1,4 @@
-"""What Follow makes of packets, without a robot that moves."""
+"""References that Follow computes from packets, without a moving robot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def robot() -> Any:
 
 
 def drive(follow: Follow, state: Any, packets: list[tuple[float, Any, bool]], until: float) -> list[Any]:
-    """References of all ticks; packets: time, value, whether engaged."""
+    """References of all ticks; packets: time, value, true if engaged."""
     found, waiting = [], list(packets)
     for k in range(round(until / DT)):
         while waiting and waiting[0][0] <= k * DT:
@@ -58,7 +58,7 @@ def test_rotations_come_back_from_their_logarithm() -> None:
     ids=lambda e: f"{type(e).__name__} {getattr(e, 'axes', '')}",
 )  # fmt: skip
 def test_any_task_with_a_value_is_followed(robot: Any, element: Any) -> None:
-    """The reference comes to where the operator is, its velocity is the rate of its value."""
+    """The reference reaches the operator, its velocity is the rate of its value."""
     state = robot.state(robot.home)
     space, start = Space(element), element.value(state)
     k = space.minus(start, start).size
@@ -88,7 +88,7 @@ def test_an_angle_goes_the_short_way_round(robot: Any) -> None:
 
 
 def test_speed_and_acceleration_are_bounded(robot: Any) -> None:
-    """A target that is believed 1 m away: never faster than asked, and there without swinging over."""
+    """A target accepted 1 m away: the speed keeps its limit, and the reference arrives without overshoot."""
     hand, state = Position(frame="tool0"), robot.state(robot.home)
     home = hand.value(state)
     follow = Follow(hand, largest_speed=0.5, largest_acceleration=2.0)
@@ -103,7 +103,7 @@ def test_speed_and_acceleration_are_bounded(robot: Any) -> None:
 
 
 def test_a_clutch_holds_and_takes_up_without_a_jump(robot: Any) -> None:
-    """Released, the hand moves 0.4 m away and turns; engaged again, only what it does from then on counts."""
+    """Released, the hand moves 0.4 m away and turns; after it is engaged again, only later motion counts."""
     hand, state = Pose(frame="tool0"), robot.state(robot.home)
     home = hand.value(state)
 
@@ -129,7 +129,7 @@ def test_a_clutch_holds_and_takes_up_without_a_jump(robot: Any) -> None:
 
 @pytest.mark.parametrize("mirror", [False, True])
 def test_scale_and_frame_of_the_operator(robot: Any, mirror: bool) -> None:
-    """Half the way, seen from the side, or in a mirror, where right-handed turns become left-handed ones."""
+    """Half the distance, seen from the side, or in a mirror, which reverses the sense of rotations."""
     hand, state = Pose(frame="tool0"), robot.state(robot.home)
     home, F = hand.value(state), exponential(np.array([0.0, 0.0, 0.5 * np.pi]))
     if mirror:

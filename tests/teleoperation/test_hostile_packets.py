@@ -1,4 +1,4 @@
-"""Streams of drawn packets, most of them bad: a loop that follows them goes on, at bounded speed."""
+"""Streams of random packets, most of them bad: the loop that follows them continues at bounded speed."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_no_stream_of_ten_thousand_ends_the_loop(robot: Any) -> None:
 
 
 def test_samples_older_than_the_window_count_for_nothing() -> None:
-    """Whatever is older: the cubic is that of the others, and its normal matrix has no negative weight."""
+    """Older samples do not change the cubic, and its normal matrix has no negative weight."""
     space, rng = Space(Position(frame="tool0")), np.random.default_rng(0)
     for _ in range(50):
         new = [Sample(float(t), rng.normal(size=3)) for t in np.sort(rng.uniform(5.0 - 0.99 * WINDOW, 5.0, 4))]
@@ -96,7 +96,7 @@ def test_samples_older_than_the_window_count_for_nothing() -> None:
 
 @pytest.mark.parametrize("first", [0.0, 60.0, -1e5, 1e5])
 def test_a_hand_is_followed_after_one_packet_and_silence(robot: Any, first: float) -> None:
-    """One packet whose stamp is far off, silence of a minute, then packets as usual: within 0.5 s the hand is there."""
+    """One packet with a distant stamp, a minute of silence, then regular packets: the hand arrives within 0.5 s."""
     hand, state = Position(frame="tool0"), robot.state(robot.home)
     follow, home = Follow(hand), hand.value(state)
     follow.receive(home, sent=60.0 - first, received=0.0)
@@ -109,7 +109,7 @@ def test_a_hand_is_followed_after_one_packet_and_silence(robot: Any, first: floa
 
 
 def test_a_hand_that_moved_is_found_again_after_a_silence(robot: Any) -> None:
-    """The motion before a silence is not continued for a minute: the hand is believed where it is then."""
+    """The motion before a minute of silence is not extrapolated: the hand is accepted at its new place."""
     hand, state = Position(frame="tool0"), robot.state(robot.home)
     follow, home = Follow(hand), hand.value(state)
     rng = np.random.default_rng(0)
@@ -151,7 +151,7 @@ def test_an_invalid_first_state_keeps_the_hold_value(robot: Any) -> None:
 
 
 def squeeze(follow: Follow, state: Any, begin: float, end: float, engaged: Any, home: Any) -> Any:
-    """Packets at 72 Hz whose hand goes ahead at 0.1 m/s; the last reference."""
+    """Packets at 72 Hz of a hand that moves ahead at 0.1 m/s; return the last reference."""
     for t in np.arange(begin, end, 1.0 / 72.0).tolist():
         told = {} if engaged is None else {"engaged": engaged}
         follow.receive(home + [0.1 * t, 0.0, 0.0], sent=t, received=t, **told)

@@ -1,4 +1,4 @@
-"""Robots that follow an operator over a bad network: what they do, at velocity and at torque level."""
+"""Robots that follow an operator over a bad network, at velocity and at torque level."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from hqp.arrays import Mat
 from .operator_loop import Done, plain, run, setup
 
 GONE, BACK = 1.3, 1.6
-"""From when to when the network fails [s]."""
+"""Begin and end of the network failure [s]."""
 
 START = "fewer than three consistent packets: held"
 
 WINDOW = 0.1
-"""What ``JointLimits`` lets a joint change its speed by in a tick of 2 ms [rad/s]."""
+"""Change of a joint's speed that ``JointLimits`` allows in a tick of 2 ms [rad/s]."""
 
 ROBOTS = ("ur5", "g1", "talos")
 
@@ -61,7 +61,7 @@ def drifting(t: float, pose: Mat) -> Iterator[dict[str, Any]]:
 
 
 class Swapped:
-    """Every second packet comes before the one that it follows."""
+    """Swap each two successive packets."""
 
     def __init__(self) -> None:
         self.kept: list[dict[str, Any]] = []
@@ -134,9 +134,9 @@ def test_no_lag_within_reach(rate: float, dt: float) -> None:
 
 
 def test_what_is_late_is_predicted() -> None:
-    """30 ms on the way: the part that the clocks do not show is told by ``latency``."""
+    """A delay of 30 ms: ``latency`` states the part that the clocks do not show."""
     robot, hand, stack, start = setup("ur5")
     late = run(robot, hand, stack, start, delay=0.03)
     told = run(robot, hand, stack, start, delay=0.03, follow=hqp.Follow(hand, latency=0.03, max_age=0.2))
-    assert late.off[late.time > 1.3].max() < 0.03 * 0.25  # no more than the age
+    assert late.off[late.time > 1.3].max() < 0.03 * 0.25  # at most the age
     assert told.off[told.time > 1.3].max() < 2.5e-3

@@ -1,4 +1,4 @@
-"""Tasks that stay off though a posture is known: what the notes say, and where the way out leads."""
+"""Tasks that stay unmet although a posture exists: notes and the path out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .traps import CRAWL, TURNED, crawled_start, elbow, references, turned_start
 def until_stuck(
     robot: Any, stack: Stack, aims: list[Reference], q: Vec, dt: float, seconds: float, formulation: Any = None
 ) -> tuple[Vec, Tick, float]:
-    """Run until a task is stuck or time is over: where the robot is then, the tick, the time."""
+    """Run until a task is stuck or time is over: final configuration, tick, time."""
     session = hqp.Controller(stack, formulation or hqp.Velocity(), deadline=np.inf).session(robot, dt)
     v, every = np.zeros(robot.nv), max(1, round(0.05 / dt))
     for k in range(round(seconds / dt)):
@@ -33,14 +33,14 @@ def until_stuck(
         if tick.way_out() is not None:
             break
         if k % every == 0:
-            time.sleep(0.002)  # the thread's turn
+            time.sleep(0.002)  # gives the thread a turn
         q, v = tick.advance()
     return q, tick, k * dt
 
 
 @pytest.mark.parametrize(("targets", "begin"), [(TURNED, turned_start), (CRAWL, lambda robot: crawled_start())])
 def test_a_humanoid_knows_the_way_out_of_a_trap(targets: dict[str, tuple[float, ...]], begin: Any) -> None:
-    """Facing backwards, and after a crawl: both feet are off for ever."""
+    """Facing backwards, and after a crawl: both feet stay off forever."""
     robot, stack = whole_body()
     aims = references(stack, targets)
     _, tick, _ = until_stuck(robot, stack, aims, begin(robot), 1.0 / 120.0, 8.0)
@@ -117,7 +117,7 @@ def test_a_session_may_do_without() -> None:
 
 
 def test_what_is_out_of_reach_is_not_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor asked about more than every two seconds."""
+    """Start at most one query in two seconds."""
     asked: list[Any] = []
     begin = ways_out.Query.__init__
 
@@ -149,7 +149,7 @@ def test_a_slow_task_is_not_stuck() -> None:
 
 
 def test_a_hand_that_creeps_on_is_not_stuck() -> None:
-    """A quadruped's trunk that comes out of its corner within 9 s."""
+    """A quadruped's trunk leaves its corner within 9 s."""
     drawn = scene(55, "acceleration")
     robot = drawn.subject.robot
     aims = list(drawn.targets(0.0))
@@ -160,13 +160,13 @@ def test_a_hand_that_creeps_on_is_not_stuck() -> None:
 
 
 FIRST, EVERY = 3, 5
-"""Of the drawn loops those that are run; one of them is stuck."""
+"""First seed and stride of the drawn loops; one of them is stuck."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "seeds"), [("velocity", 100), ("acceleration", 60), ("torque", 40)])
 def test_no_false_alarm_in_drawn_loops(formulation: str, seeds: int) -> None:
-    """Whoever is told to be stuck is not there 10 s later by itself."""
+    """A task reported as stuck does not arrive within the next 10 s."""
     told = [(seed, name) for seed in range(FIRST, seeds, EVERY) for name in alarms(formulation, seed)]
     assert not [each for each in told if each[1].endswith("arrived")]
 
@@ -174,7 +174,7 @@ def test_no_false_alarm_in_drawn_loops(formulation: str, seeds: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "xarm7"])
 def test_of_random_goals_those_that_are_missed_are_told(name: str) -> None:
-    """And no other."""
+    """Report no other goal."""
     alarms = 0
     for seed in range(12):
         one = case(name, seed)
@@ -192,7 +192,7 @@ def test_of_random_goals_those_that_are_missed_are_told(name: str) -> None:
 
 
 def alarms(formulation: str, seed: int) -> list[str]:
-    """Tasks of a drawn loop that were told to be stuck, and whether they arrived all the same."""
+    """Tasks of a drawn loop that were reported stuck, each with its final outcome."""
     drawn = scene(seed, formulation)
     robot = drawn.subject.robot
     law = {"velocity": hqp.Velocity, "acceleration": hqp.Acceleration, "torque": hqp.Torque}[formulation]()
@@ -223,7 +223,7 @@ def alarms(formulation: str, seed: int) -> list[str]:
 
 
 def test_a_search_starts_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps of a search are no loop: out of reach they look for no way out of their own."""
+    """Steps of a search are no loop: out of reach they start no search for a way out."""
     begun: list[str] = []
     monkeypatch.setattr(Thread, "start", lambda thread: begun.append(thread.name))
     robot = hqp.robots.load("ur5")

@@ -1,7 +1,7 @@
-"""Traps of strict levels on G1: whole-body targets of two frames of motion capture, and where the robot was then.
+"""Traps of strict levels on G1: whole-body targets of two frames of motion capture, and the robot's configuration then.
 
-Numbers made from the climbs 0 (first frame) and 4 (frame 2000, on hands and knees) of holosoma-retargeting 0.1.0
-(Amazon FAR, Apache-2.0), scaled to G1.  Feet: position, quaternion xyzw; torso: quaternion; all others positions [m].
+Numbers from the climbs 0 (first frame) and 4 (frame 2000, on hands and knees) of holosoma-retargeting 0.1.0 (Amazon
+FAR, Apache-2.0), scaled to G1.  Feet: position, quaternion xyzw; torso: quaternion; all others positions [m].
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def whole_body(gain: float = 60.0) -> tuple[Any, Stack]:
 
 
 def references(stack: Stack, targets: dict[str, tuple[float, ...]]) -> list[Reference]:
-    """Of all targets."""
+    """References of all targets."""
     found = []
     for name, value in targets.items():
         task: Any = stack.find(name)
@@ -111,21 +111,21 @@ def references(stack: Stack, targets: dict[str, tuple[float, ...]]) -> list[Refe
 
 
 def turned_start(robot: Any) -> Vec:
-    """Home, the base where it should be but facing backwards."""
+    """Home with the base at its target position, but facing backwards."""
     q: Vec = robot.home.copy()
     q[:3], q[3:7] = TURNED["pelvis"], (0.0, 0.0, 1.0, 0.0)
     return q
 
 
 def crawled_start() -> Vec:
-    """Where the robot is on hands and knees."""
+    """Configuration on hands and knees."""
     q = np.array(CRAWLED)
     q[3:7] /= np.linalg.norm(q[3:7])
     return q
 
 
 ELBOW = (-0.46865, -0.64019, -1.57046, -2.18133, 1.68068, 1.43628, 2.06479, 0.001, 0.001)
-"""Joints of a Panda whose elbow would have to fold the other way to bring its hand to ``HAND`` [rad, m]."""
+"""Joints of a Panda whose elbow must fold the other way to bring its hand to ``HAND`` [rad, m]."""
 
 HAND = (-0.540170, -0.393944, 0.586351), (0.734399, -0.651876, 0.008452, 0.188795)
 """Position and quaternion xyzw."""
