@@ -1,4 +1,4 @@
-"""Stacks that change over some time while a robot walks: contacts are taken up and let go by their measured load."""
+"""Stacks that change over some time while a robot walks: measured loads attach and release contacts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hqp.declare.stack import Level, Stack
 from .test_walker import Walked
 
 OVER = 0.05
-"""Of every change of stack [s]."""
+"""Duration of every change of stack [s]."""
 
 
 def only(stack: Stack, phase: str) -> Stack:
@@ -66,7 +66,7 @@ def test_a_walk_bears_changes_that_take_time(name: str, jump: float, monkeypatch
     course.run(1.1)
     walker.go(forward=0.2)
     course.run(0.1)
-    course.jumps.clear()  # of the start
+    course.jumps.clear()  # jumps at the start
     course.run(3.9)
     assert course.plant.com()[0] > 0.5
     assert max(course.jumps) < jump

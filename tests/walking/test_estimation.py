@@ -1,4 +1,4 @@
-"""Feet that slip: noticed, told, and not believed."""
+"""Slipping feet: detected, reported, and excluded from the estimate."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .test_walker import Walked
 
 DT = 0.002
 SLIDES = (0.4, 0.6)
-"""The right foot slides so long, by 40 mm [s]."""
+"""Interval in which the right foot slides, by 40 mm [s]."""
 
 
 def slid(noise: float, seed: int = 0) -> tuple[float, Any]:
-    """A base at rest, both feet loaded, the right one sliding: the largest error [m] and what was told ``(500, 2)``."""
+    """Base at rest, both feet loaded, the right one sliding: largest error [m] and slip reports ``(500, 2)``."""
     robot, rng = hqp.robots.load("g1"), np.random.default_rng(seed)
     estimator = FeetEstimator(robot, robot.landmarks["soles"], DT, robot.home)
     (hip,) = robot.joints(["right_hip_pitch_joint"])
@@ -41,7 +41,7 @@ def slid(noise: float, seed: int = 0) -> tuple[float, Any]:
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_foot_that_slips_is_told_and_not_believed(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both bear the same; by the one that rests the base stays where it is.  Noise of encoders in [rad/s]."""
+    """Both bear equal loads; the resting foot keeps the base in place.  Noise of encoders in [rad/s]."""
     off, told = slid(noise)
     assert off < 2e-3
     assert not told[:, 0].any()
@@ -54,7 +54,7 @@ def test_a_foot_that_slips_is_told_and_not_believed(noise: float, monkeypatch: p
 
 @pytest.mark.slow
 def test_legs_feel_the_ground_without_force_sensors() -> None:
-    """Momentum observers are all that tells landings and loads: each is seen within 10 ms, and none before it is."""
+    """Momentum observers alone detect landings and loads: each within 10 ms, and none early."""
     course = Walked.of("g1", feels=False)
     walker, plant = course.walker, course.plant
     least, late, since = TOUCH * 9.81 * walker.robot.mass, [], math.nan

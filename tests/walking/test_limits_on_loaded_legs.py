@@ -1,4 +1,4 @@
-"""The limits of joints that a session takes by default, legs included, are in no loaded leg's way."""
+"""Default joint limits of a session, legs included, do not hinder loaded legs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from .test_walker import Walked
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "speed", "jump"), [("g1", 0.3, 15.0), ("cbi", 0.2, 80.0)])
 def test_default_limits_of_all_joints_let_it_walk(name: str, speed: float, jump: float) -> None:
-    """G1 fell, and torques of CBi changed by 494 N m in a tick, where such limits outranked what a foot can bear.
+    """G1 fell, and torques of CBi changed by 494 N m in a tick, if such limits outranked the forces that a foot can
+    bear.
 
-    By 163 where joints are to brake the speed that the ground under the sole takes away.
+    The change was 163 N m if joints had to brake the speed that the ground under the sole takes away.
     """
     robot = hqp.robots.load(name, rotors=True)
     limits = JointLimits(joints=tuple(robot.joint_names))

@@ -1,4 +1,4 @@
-"""A humanoid that no catalogue names: its feet are found by their shapes."""
+"""A humanoid outside the catalogue: the walker finds its feet by their shapes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hqp.robots.soles import feet, sole
 
 @pytest.mark.parametrize("name", ["talos", "g1", "romeo"])
 def test_feet_are_those_of_the_catalogue(name: str) -> None:
-    """Left and right, whatever the heading of the base, with a level frame that has a sole."""
+    """Left and right, at any heading of the base, with a level frame and a sole."""
     known = hqp.robots.load(name)
     links = [known.model.frames[known.frame(s)].parentJoint for s in known.landmarks["soles"]]
     for yaw in (0.0, 2.0, np.pi):

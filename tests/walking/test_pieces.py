@@ -1,4 +1,4 @@
-"""Footsteps within reach, a plan of the DCM that is continuous and ends at rest, swing feet that are smooth."""
+"""Footsteps within reach, a continuous plan of the DCM that ends at rest, smooth swing feet."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ numbers = st.floats(-2.0, 2.0)
 
 
 def walked(command: Command, count: int, steps: Footsteps = STEPS) -> list[Foothold]:
-    """Two feet side by side, then so many steps."""
+    """Two feet side by side, then ``count`` steps."""
     found = [Foothold(LEFT, 0.0, 0.085), Foothold(RIGHT, 0.0, -0.085)]
     for _ in range(count):
         found.append(steps.next(found[-1], command))
@@ -61,7 +61,7 @@ def seen_from(stance: Foothold, other: Foothold) -> Any:
     ],
 )
 def test_two_steps_go_as_far_as_the_velocity_says(command: Command, each: tuple[float, float, float]) -> None:
-    """v 2 T, sideways by one foot of two, a turn opened by one foot and closed by the other."""
+    """v 2 T; one foot of two steps sideways; one foot opens a turn and the other closes it."""
     found = walked(command, 8)
     for one, other in zip(found[3:], found[5:], strict=False):
         if not each[2]:
@@ -86,7 +86,7 @@ OMEGA = 3.4
 
 
 def planned(left: float = 0.3) -> Landing:
-    """A right foot that stands, a left one that is to land beside it, and the DCM of an even walk."""
+    """A stance foot on the right, a left foot that lands beside it, and the DCM of an even walk."""
     stance = Foothold(RIGHT, 0.3, -0.1, 0.0, 0.5)
     foothold = STEPS.next(stance, Command(0.1))
     offset = stance.turn @ np.array([0.02, -0.06])
@@ -101,7 +101,7 @@ def answer(plan: Landing, error: Any, ankle: Any = (0.0, 0.0), **changed: Any) -
 
 
 def missed(plan: Landing, error: Any, ankle: Any, found: tuple[Foothold, float]) -> Any:
-    """By how much the DCM is not where it was to be at the landing, ``(2,)`` in the axes of the stance foot."""
+    """Error of the DCM at the landing, ``(2,)`` in the axes of the stance foot."""
     foot, left = found
     turn, zmp = plan.stance.turn, plan.stance.xy + plan.stance.turn @ ankle
     xi = plan.dcm(OMEGA, plan.left) + turn @ error
@@ -112,12 +112,12 @@ def missed(plan: Landing, error: Any, ankle: Any, found: tuple[Foothold, float])
 @settings(max_examples=60)
 @given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(0.1, 0.5), st.floats(-0.02, 0.02))
 def test_a_step_is_within_reach_and_no_other_is_better(x: float, y: float, left: float, ankle: float) -> None:
-    """Beside footholds and times on a grid; what is chosen is missed by hardly more than the best of them."""
+    """Compare with footholds and times on a grid: the choice misses by hardly more than the best of them."""
     plan, error, dz = planned(left), np.array([x, y]), np.array([0.0, ankle])
     found = answer(plan, error, dz)
     np.testing.assert_allclose(STEPS.within(found[0], plan.stance).xy, found[0].xy, atol=1e-12)
     assert 0.08 <= found[1] <= 0.6
-    if ankle * y >= -1e-9 and abs(ankle) >= abs(y):  # answered by the ankle alone
+    if ankle * y >= -1e-9 and abs(ankle) >= abs(y):  # the ankle alone suffices
         return
     wide = np.array([REACH.forward, REACH.most - REACH.least])
     steps = [(x, y) for x in np.linspace(-0.3, 0.3, 7) for y in np.linspace(0.12, 0.35, 5)]
@@ -137,7 +137,7 @@ def test_a_push_outwards_lands_sooner_and_wider_one_inwards_later() -> None:
 
 
 def test_what_an_ankle_does_needs_no_step() -> None:
-    """A ZMP beyond the DCM leads it back; small errors and a foot that has no time go where they were going."""
+    """A ZMP beyond the DCM leads it back; with small errors, or a foot without time, the step stays as planned."""
     plan = planned()
     for error, ankle, least in (
         ((0.0, 0.02), (0.0, 0.03), 0.0),
@@ -192,7 +192,7 @@ def test_the_dcm_follows_its_equation_and_ends_at_rest(made: tuple[list[Piece], 
 @settings(max_examples=40)
 @given(plans())
 def test_the_dcm_stays_where_the_zmp_goes(made: tuple[list[Piece], float]) -> None:
-    """xi is a mean of the ZMPs to come: within their box."""
+    """xi is a mean of future ZMPs: within their box."""
     pieces, omega = made
     corners = np.array([p.start for p in pieces] + [pieces[-1].end])
     plan = DcmPlan(pieces, omega)
@@ -216,7 +216,7 @@ def swings(draw: Any) -> tuple[Swing, Any, Any]:
 @settings(max_examples=15)
 @given(swings())
 def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, Any]) -> None:
-    """The path is what its velocity and acceleration say, between start and goal, over the top, then down."""
+    """The path matches its velocity and acceleration, from start to goal, over the top, then down."""
     swing, start, goal = made
     dt, path = 0.001, []
     for _ in range(round(swing.duration / dt)):

@@ -18,7 +18,7 @@ from hqp.walking.keys import Keys
 
 
 def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
-    """Feet that stand do not slide nor sink, the CoM goes as far as asked, and the walker stays as it was."""
+    """Stance feet neither slide nor sink, the CoM covers the requested distance, and the walker is unchanged."""
     robot = hqp.robots.load("g1", rotors=True)
     walker = Walker(robot, Gait(single=0.4, double=0.1, first=0.4))
     walker.go(0.2)

@@ -1,4 +1,4 @@
-"""Velocities that a walk can follow: bounded steps between them, and every change said in words."""
+"""Velocities that a walk can follow: bounded steps between them, and a reason for every change."""
 
 from __future__ import annotations
 

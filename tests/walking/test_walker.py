@@ -24,7 +24,7 @@ DT = 0.002
 
 @dataclass
 class Walked:
-    """A course, and what was seen on it; ``run`` goes on."""
+    """A course with records of its ticks; ``run`` continues it."""
 
     course: Course
     statuses: Counter[str] = field(default_factory=Counter)
@@ -68,7 +68,7 @@ class Walked:
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "speed", "jump"), [("talos", 0.3, 40.0), ("g1", 0.2, 15.0)])
 def test_it_walks_on_what_it_senses_and_stops(name: str, speed: float, jump: float) -> None:
-    """Noise, 4 ms of delay, friction 0.6: as fast as asked, no torque jumps, feet side by side at the end."""
+    """Noise, 4 ms of delay, friction 0.6: commanded speed, no torque jumps, feet side by side at the end."""
     course = Walked.of(name)
     course.run(1.0)
     start = course.plant.com()
@@ -107,7 +107,7 @@ def test_it_turns_and_goes_aside_and_back() -> None:
 def test_a_push_is_answered_by_ankles_and_where_they_are_too_narrow_by_a_step(
     name: str, blow: float, steps: bool
 ) -> None:
-    """From the side in a swing [m/s of the mass]: G1's foot lands sooner and wider, Talos' where it was to."""
+    """A push from the side in a swing [m/s of the mass]: G1's foot lands sooner and wider, Talos' as planned."""
     course = Walked.of(name, sensed=False)
     walker = course.walker
     course.run(1.0)
@@ -127,7 +127,7 @@ def test_a_push_is_answered_by_ankles_and_where_they_are_too_narrow_by_a_step(
 
 @pytest.mark.slow
 def test_it_walks_on_position_servos() -> None:
-    """Noise and delay; sent without the torques' part the servos sag, and G1 falls."""
+    """Noise and delay; without the torques' part the servos sag, and G1 falls."""
     course = Walked.of("g1", servo=Servo(other=300.0, damping_time=0.03))
     course.run(1.0)
     start = course.plant.com()
@@ -138,7 +138,7 @@ def test_it_walks_on_position_servos() -> None:
 
 
 def test_servos_bear_the_torque_in_the_mean() -> None:
-    """Of the period in which they act, on joints that move as the model says."""
+    """Mean over their period, on joints that move as in the model."""
     robot = hqp.robots.load("g1", rotors=True)
     walker = Walker(robot, dt=DT, deadline=np.inf)
     v = 0.1 * np.random.default_rng(0).normal(size=robot.nv)
@@ -151,13 +151,13 @@ def test_servos_bear_the_torque_in_the_mean() -> None:
         t = delay + DT * (np.arange(100)[:, None] + 0.5) / 100
         off, faster = angles - state.angles[motors] - t * v[motors] - 0.5 * t * t * a, rates - v[motors] - t * a
         torques = np.mean(kp * off + kv * faster, axis=0)
-        curved = kp * DT * DT / 24.0 * a  # of the way in the period, what its middle does not tell
+        curved = kp * DT * DT / 24.0 * a  # curvature over the period, missing at its middle
         np.testing.assert_allclose(torques + curved, tick.command, atol=1e-4)
 
 
 @pytest.mark.slow
 def test_a_robot_from_its_file_alone_stands_up_and_walks() -> None:
-    """No catalogue: straight legs at home, no named base; soles are told."""
+    """No catalogue: straight legs at home, no named base; soles are given."""
     source = str(hqp.robots.load("romeo").source)
     robot = hqp.robots.load(source, floating=True, rotors=True)
     course = Walked(Course(Walker(robot, dt=DT, soles=("l_sole", "r_sole"), deadline=np.inf)))
@@ -170,7 +170,7 @@ def test_a_robot_from_its_file_alone_stands_up_and_walks() -> None:
 
 @pytest.mark.slow
 def test_it_walks_over_tiles_that_it_does_not_know() -> None:
-    """Steps of up to 40 mm up and down between tiles, felt by landing early and late."""
+    """Unknown steps of up to 40 mm up and down between tiles, detected by early and late landings."""
     course = Walked.of("talos", terrain=Tiles(friction=0.5, seed=1), height=0.02)
     course.run(1.0)
     course.walker.go(forward=0.1)
@@ -180,7 +180,7 @@ def test_it_walks_over_tiles_that_it_does_not_know() -> None:
 
 
 def test_phases_follow_each_other_and_the_stack(tmp_path: Any) -> None:
-    """Without loads by time: shift, swing, shift; the foot that swings is out of the stack; shares lie in 0..1."""
+    """Without loads phases follow time: shift, swing, shift; the swing foot is off in the stack; shares lie in 0..1."""
     robot = hqp.robots.load("talos", rotors=True)
     walker = Walker(robot, Gait(single=0.1, double=0.04, first=0.2), dt=DT, deadline=np.inf)
     walker.go(forward=0.05)
@@ -210,7 +210,7 @@ def test_it_stands_as_low_as_its_knees_bear(name: str, lower: float) -> None:
 
 
 def test_what_joints_bear_on_one_foot_is_the_balance_of_the_free_base() -> None:
-    """The wrench at the sole that leaves the base without force gives the same torques."""
+    """The sole's wrench that leaves the base without force gives equal torques."""
     robot = hqp.robots.load("romeo", rotors=True)
     feet = feet_of(robot)
     state = robot.copy().state(standing(robot, feet, 0.03))
@@ -238,7 +238,7 @@ def test_what_a_foot_bears_by_a_toe_is_a_landing_when_its_time_is_up() -> None:
 
 
 def test_it_weighs_itself() -> None:
-    """Feet that bear a tenth more than the model: so much more torque; a blow or a flight says nothing."""
+    """Feet that bear a tenth more than the model: torques grow by a tenth; impacts and flights are ignored."""
     robot = hqp.robots.load("talos", rotors=True)
     known, felt = (Walker(robot, dt=DT, deadline=np.inf) for _ in range(2))
     state, weight = robot.state(robot.home), 9.81 * robot.mass
@@ -257,7 +257,7 @@ def test_it_weighs_itself() -> None:
 
 
 def test_a_mesh_stands_on_all_of_its_sole() -> None:
-    """MuJoCo finds three points of a mesh on a plane; a plant adds the corners."""
+    """MuJoCo finds three contact points of a mesh on a plane; a plant adds the corners."""
     robot = hqp.robots.load("talos", rotors=True)
     plant, feet = Plant(robot), feet_of(robot)
     plant.reset(robot.home)
@@ -294,7 +294,7 @@ def test_what_is_no_biped_is_refused() -> None:
 
 
 def test_a_walker_is_as_heavy_as_gravity_makes_it() -> None:
-    """Where things fall at 6 m/s^2 it takes its own model's weight for what it is."""
+    """With gravity of 6 m/s^2 the walker uses that weight of its own model."""
     robot = hqp.robots.load("g1", rotors=True)
     robot.model.gravity.linear = np.array([0.0, 0.0, -6.0])
 
