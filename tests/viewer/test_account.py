@@ -1,4 +1,4 @@
-"""What the page says of a tick, without a browser: words, states, curves, HTML."""
+"""Account of a tick on the page, without a browser: words, states, curves, HTML."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hqp.viewer.session_view import View
 
 
 class Recorded(View):
-    """A view whose page is not served: the channel is read here."""
+    """View without a served page: the test reads the channel."""
 
     def _start(self, host: str, port: int, title: str) -> None:
         self._channel.set_ready(1.0)
@@ -141,7 +141,7 @@ def test_curves_show_the_largest_of_each_stretch() -> None:
     history.add(slots)
     curves = history.curves()
     assert np.nanmax(curves.norms[0]) == pytest.approx(3.0)
-    history.add(slots[:10] * 0 + 5.0)  # of another stack
+    history.add(slots[:10] * 0 + 5.0)  # another stack
     assert history.status == 0
 
 
@@ -182,7 +182,7 @@ def test_dragged_targets_replace_references() -> None:
     view.step(robot.state(), hand.at(there))
     assert page.current(0, 3) == pytest.approx(there + [0.1, 0.0, 0.0])
     page.set_wanted(0, None)
-    view._targets_due = 0.0  # the next look is due
+    view._targets_due = 0.0  # the next update is due
     view.step(robot.state(), hand.at(there))
     assert page.current(0, 3) == pytest.approx(there)
     view.close()
@@ -228,6 +228,6 @@ def test_targets_without_a_reference_are_shown_where_they_are_held() -> None:
         view.step(state, *references)
         assert page.current(0, 3) == pytest.approx(wanted)
         assert page.current(1, 3) == pytest.approx(state.position("l_palm"))
-    view.session.hold_values["r_palm"][:] = 99.0  # the caller's own
+    view.session.hold_values["r_palm"][:] = 99.0  # the caller owns it
     assert view.session.hold_values["r_palm"] == pytest.approx(there)
     view.close()

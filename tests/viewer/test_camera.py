@@ -1,4 +1,4 @@
-"""What a visitor sees, without a browser: points in the free part of the picture, cameras above the floor."""
+"""View of a visitor, without a browser: points in the free part of the picture, cameras above the floor."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_all_points_are_in_the_free_part(size: tuple[int, int], overlay: float) 
 
 
 class Client:
-    """A visitor's camera, as viser has it: its position takes along what it looks at."""
+    """Camera of a visitor as in viser: a change of position moves its target as well."""
 
     def __init__(self, position: Any, look_at: Any) -> None:
         self._position, self.look_at = np.array(position), np.array(look_at)
@@ -94,7 +94,7 @@ def test_a_target_high_up_comes_into_the_picture() -> None:
         target = np.array([[0.4, 0.0, high]])
         cameras.update(body, target)
         assert window.holds(np.vstack((body, target)), client.position, client.look_at - client.position)
-    client.position = client.position + [0.0, 0.0, -5.0]  # the visitor looks away, and is let alone
+    client.position = client.position + [0.0, 0.0, -5.0]  # the visitor looks away; the camera stays
     there = client.position.copy()
     cameras.update(body, target)
     assert np.array_equal(client.position, there)
@@ -110,11 +110,11 @@ def test_a_new_camera_that_falls_back_looks_from_in_front_again() -> None:
         cameras.update(body, body[:1])
         ahead = client.look_at - client.position
         assert np.allclose(ahead / np.linalg.norm(ahead), FORWARD / np.linalg.norm(FORWARD))
-        client.position, client.look_at = np.full(3, 3.0), np.zeros(3)  # a slow browser's own, once more
+        client.position, client.look_at = np.full(3, 3.0), np.zeros(3)  # a late update of a slow browser
 
 
 def test_a_page_without_an_overlay_is_filled() -> None:
-    """As that of a retargeted motion, from which the camera else stands as far as above a page with cards."""
+    """Page of a retargeted motion: the camera need not keep the distance of a page with cards."""
     body = np.array([[-0.2, -0.3, 0.0], [0.2, 1.3, 1.3]])
     near = []
     for overlay in (OVERLAY, 0.0):

@@ -1,4 +1,4 @@
-"""The memory between loop and page: what is written comes out whole, in order, and nothing else does."""
+"""Shared memory between loop and page: written slots arrive whole and in order, others do not arrive."""
 
 from __future__ import annotations
 

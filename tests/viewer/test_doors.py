@@ -1,4 +1,4 @@
-"""Who may talk to the page: a real page and real clients, with foreign origins and names, with and without a token."""
+"""Access to the page: a real page and real clients, with foreign origins and names, with and without a token."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def make_session() -> hqp.Session:
 
 
 class Page:
-    """A served page and what clients get from it."""
+    """A served page and its replies to clients."""
 
     def __init__(self, url: str) -> None:
         parts = urlsplit(url)
@@ -48,7 +48,7 @@ class Page:
         return response
 
     def connect(self, query: str = "", origin: str | None = None, host: str = "", **headers: str) -> int:
-        """The status of a websocket's handshake, 101 where it is let in and viser talks."""
+        """Status of a websocket's handshake: 101 if it is accepted and viser talks."""
         from websockets.exceptions import InvalidStatus
         from websockets.sync.client import connect
 
@@ -135,7 +135,7 @@ def test_a_browser_is_opened_with_a_token_that_is_good_once(monkeypatch: pytest.
         assert page.token not in opened[0]
         given = page.get(query).headers["Set-Cookie"].split(";")[0]
         assert page.get(query).status == 403
-        assert page.get(query, Cookie=given).status == 200  # the same tab, loaded again
+        assert page.get(query, Cookie=given).status == 200  # reload of the tab
 
 
 def test_a_host_of_the_network_warns_and_takes_the_password() -> None:

@@ -1,4 +1,4 @@
-"""The page's process imports the hqp of the process that started it, whatever lies in the current folder."""
+"""The page's process imports the hqp of its parent process, in any current folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording in the viewer, without a browser: ticks as they were recorded, and what is refused."""
+"""A recording in the viewer, without a browser: recorded ticks, and refused files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 class Kept(module.ReplayView):
-    """A view whose page is not served: the channel is read here."""
+    """View without a served page: the test reads the channel."""
 
     kept: Kept
 
@@ -53,7 +53,7 @@ class Kept(module.ReplayView):
         self._hurry = True
 
     def wait(self) -> None:
-        """No pause."""
+        """Return at once."""
 
     def close(self) -> None:
         self._flush()
