@@ -1,4 +1,4 @@
-"""The table of elements and formulations: every cell is run, and the page says what came out."""
+"""Table of elements and formulations: every cell is run, and the page has the results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_cells_are_what_runs(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_files_declare_what_ran(name: str) -> None:
-    """The TOML of the page is that of the element in the table's stack, read back whole."""
+    """The page's TOML equals the element in the table's stack, read back whole."""
     page = FILES.read_text(encoding="utf-8")
     text = page.split(f"## {name}\n\n```toml\n")[1].split("```")[0]
     stack = serial.loads(text if "[[level]]" in text else f'[[level]]\n[[level.element]]\ntype = "Posture"\n{text}')

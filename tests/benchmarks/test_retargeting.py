@@ -1,4 +1,4 @@
-"""A retargeted clip in physics: who stands in it stands in MuJoCo, and who is carried away from his feet falls."""
+"""A retargeted clip in physics: a stance of the clip also stands in MuJoCo, a motion with displaced feet falls."""
 
 from __future__ import annotations
 

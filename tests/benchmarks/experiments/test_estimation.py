@@ -1,4 +1,4 @@
-"""What a robot tells of itself from its own sensors."""
+"""Estimates of a robot from its own sensors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_base_of_a_standing_robot_from_imu_encoders_and_feet(sensors: Sensors) -
     run = Balance(paper_stack(CBI, GAINS, hand=False), "nullspace", sensors=sensors)
     follow(run, 1.0, lambda t: np.array([0.0, 0.02 * (1.0 - math.cos(6.0 * t))]))
     off = run.log["base_error"]
-    assert np.ptp(run.log["q"][:, 1]) > 0.02  # it did move
+    assert np.ptp(run.log["q"][:, 1]) > 0.02  # it moves
     assert 1e3 * np.linalg.norm(off[:, :3], axis=1).max() < 1.0
     assert np.linalg.norm(off[:, 3:], axis=1).max() < 2e-3
     velocity = run.robot.state(*run.known).v[:3] - run.v[:3]
@@ -39,13 +39,13 @@ def test_a_foot_that_is_lifted_and_set_down_stands_in_its_new_place() -> None:
     for load in (both, left):
         for _ in range(50):
             found, _ = estimator.update(q, v, up, load)
-    q[hip] += 0.2  # the right foot is moved while it carries nothing
+    q[hip] += 0.2  # the right foot moves without load
     for load in (left, both):
         for _ in range(50):
             found, _ = estimator.update(q, v, up, load)
     np.testing.assert_allclose(found[:3], robot.home[:3], atol=1e-6)
     for _ in range(50):
-        found, _ = estimator.update(q, v, up, left[::-1].copy())  # now on the right one alone
+        found, _ = estimator.update(q, v, up, left[::-1].copy())  # now loads the right one alone
     np.testing.assert_allclose(found[:3], robot.home[:3], atol=1e-6)
 
 
@@ -53,12 +53,12 @@ def test_a_step_without_load_does_not_count() -> None:
     robot = hqp.robots.load("cbi")
     estimator = FeetEstimator(robot, SOLES, PERIOD, robot.home)
     v, still = np.zeros(robot.nv), np.zeros(3)
-    for _ in range(5):  # nothing has touched yet, and the accelerometer reads zero: 10 ms
+    for _ in range(5):  # no contact yet, and the accelerometer reads zero: 10 ms
         found, _ = estimator.update(robot.home, v, still, np.array([0.0, np.nan]))
     assert abs(found[2] - robot.home[2]) < 1e-3
     for _ in range(100):
         found, _ = estimator.update(robot.home, v, still, np.zeros(2))
-    assert found[2] < robot.home[2] - 0.1  # in the air for good: it falls
+    assert found[2] < robot.home[2] - 0.1  # permanently in the air: it falls
 
 
 def test_the_yaw_of_the_imu_is_not_believed() -> None:

@@ -1,4 +1,4 @@
-"""What acts at a hand: found by the momentum observer, entered into the dynamics, and what comes of it."""
+"""Loads at a hand: found by the momentum observer, entered into the dynamics, and their effect."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_the_observer_finds_a_force_on_a_moving_arm() -> None:
         state = robot.state(q, v)
         tau = state.gravity_force()
         tau[actuated] += rng.normal(size=actuated.size)
-        tau[:6] += 20.0 * rng.normal(size=6)  # what the ground does is none of the limb's business
+        tau[:6] += 20.0 * rng.normal(size=6)  # forces of the ground do not concern the limb
         found = observer.update(state, tau[actuated])
         if k in (499, 999):
             np.testing.assert_allclose(found, force, atol=0.6)
@@ -45,7 +45,7 @@ def test_the_observer_finds_a_force_on_a_moving_arm() -> None:
         tau += state.jacobian("hand_point")[:3].T @ force
         v = v + dt * pin.aba(robot.model, data, q, v, tau)
         q = robot.integrate(q, v, dt)
-    assert np.abs(v).max() > 1.0  # it did move
+    assert np.abs(v).max() > 1.0  # it moves
 
 
 def test_what_an_observer_refuses_and_survives() -> None:
@@ -96,7 +96,7 @@ def test_a_kilogram_in_the_hand_known_and_found_out() -> None:
 
 
 def test_a_wrench_that_is_not_resisted_moves_the_robot() -> None:
-    """Gravity compensation holds against the one and not against the other."""
+    """Gravity compensation resists one wrench and not the other."""
     robot = hqp.robots.load("dreamer")
     pulled = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     moved = {}

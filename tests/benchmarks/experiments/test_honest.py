@@ -1,4 +1,4 @@
-"""What keeps Dreamer's experiments honest: ground without false edges, normals, the robot's own map, statistics."""
+"""Sound conditions of Dreamer's experiments: ground without false edges, normals, the robot's own map, statistics."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SLOPE = math.radians(7.0)
 
 
 def steepest_normal(ramp: Ramp) -> float:
-    """Of contacts of a roller that is sunk in by 2 mm anywhere around the ramp's foot [deg off the vertical]."""
+    """Steepest contact normal of a roller sunk in by 2 mm around the ramp's foot [deg off the vertical]."""
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5.0, 5.0, 0.1])
     for slab in ramp.slabs():
@@ -55,7 +55,7 @@ def steepest_normal(ramp: Ramp) -> float:
 
 def test_no_edge_is_buried_where_wheels_roll(monkeypatch: pytest.MonkeyPatch) -> None:
     assert steepest_normal(Ramp(angle=SLOPE)) < 7.5
-    monkeypatch.setattr(Ramp, "underground", 0.0)  # as it was: the slab ends at the foot
+    monkeypatch.setattr(Ramp, "underground", 0.0)  # former ground: the slab ends at the foot
     assert steepest_normal(Ramp(angle=SLOPE)) > 25.0
 
 
@@ -81,7 +81,7 @@ def contacts(normal: Vec, load: float) -> Contacts:
 
 def test_a_normal_that_is_no_ground_is_ignored_and_counted() -> None:
     tilted = np.array([-math.sin(SLOPE), 0.0, math.cos(SLOPE)])
-    edge = np.array([math.sin(math.radians(120.8)), 0.0, math.cos(math.radians(120.8))])  # what was met, 1411 N
+    edge = np.array([math.sin(math.radians(120.8)), 0.0, math.cos(math.radians(120.8))])  # observed once, 1411 N
     careful, naive = ContactNormals(3, 0.002), ContactNormals(3, 0.002, widest=math.pi)
     for normals in (careful, naive):
         for _ in range(50):
@@ -93,10 +93,10 @@ def test_a_normal_that_is_no_ground_is_ignored_and_counted() -> None:
 
 
 def drive(heading: float, lead: float = 0.0, cross: float = 0.0, after: float = 0.0) -> float:
-    """Worst error of the map's slope under a wheel [deg], away from the edge, on a way over a ramp.
+    """Worst error of the map's slope under a wheel [deg], away from the edge, on a path over a ramp.
 
-    lead: azimuth of the way, cross: inclination of all ground across the ramp's direction [rad].  after: from this
-    place of the base along the ramp on [m].
+    lead: azimuth of the path, cross: inclination of all ground across the ramp's direction [rad].  after: first
+    position of the base along the ramp that counts [m].
     """
     robot = hqp.robots.load("dreamer")
     made = GroundMap(robot, 0.002)
@@ -145,7 +145,7 @@ def test_the_map_finds_the_slope_on_a_cross_slope() -> None:
 
 @pytest.mark.slow
 def test_the_map_finds_the_slope_when_led_obliquely() -> None:
-    """Until a second wheel is on the slope the edge's direction is anybody's guess: off by less than the slope."""
+    """With one wheel on the slope the edge's direction is unknown: the error stays below the slope."""
     assert drive(math.radians(30.0), lead=math.radians(30.0)) < 5.5
     assert drive(math.radians(30.0), lead=math.radians(30.0), after=0.6) < 1.5
 
@@ -179,18 +179,18 @@ def test_the_force_of_the_ground_is_found_beside_traction_and_a_hand() -> None:
     assert ground.loads == pytest.approx(pressed)
     (told,) = ground.references()
     assert told.value[:2] == pytest.approx(push * 20.0 / np.linalg.norm(push), abs=1e-3)
-    for _ in range(500):  # a wheel that spins is no slope
+    for _ in range(500):  # a spinning wheel is no slope
         ground.update(residual, R, hand, place, contradiction=1.0)
     assert ground.force == pytest.approx(np.zeros(2), abs=1e-3)
     for _ in range(500):
         ground.update(residual, R, hand, place)
     front = state.position(robot.landmarks["wheel_contacts"][0]) - state.position("base")
-    force = np.array([0.0, 0.0, 115.0])  # nor is one that has lost its load
+    force = np.array([0.0, 0.0, 115.0])  # nor is a wheel without load
     residual[:6] -= np.concatenate([force, np.cross(front, force)])
     for _ in range(500):
         ground.update(residual, R, hand, place)
     assert ground.force == pytest.approx(np.zeros(2), abs=1e-3)
-    for weight in (200.0, 2000.0):  # but as far as the base's tilt explains it, it may be
+    for weight in (200.0, 2000.0):  # accepted as far as the base's tilt explains it
         ground = GroundForce(robot, element, 0.002, tilted=weight)
         for _ in range(500):
             ground.update(residual, R, hand, place)
@@ -207,7 +207,7 @@ def test_an_edge_met_at_45_degrees_needs_the_ground_felt() -> None:
 
 
 def test_a_step_too_high_for_rollers_by_statics() -> None:
-    """A wheel that is moved along its axle meets the edge with a roller, one that rolls with the whole rim."""
+    """A wheel pushed along its axle meets the edge with a roller, a rolling wheel with its whole rim."""
     assert math.degrees(meeting(0.01, math.radians(90.0))[1]) == pytest.approx(
         math.degrees(math.acos(3.0 / 13.0)), 0.01
     )

@@ -1,4 +1,4 @@
-"""The parts of the experiments that can be judged without a simulation."""
+"""Parts of the experiments that need no simulation."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_spring_hand_pulls_in_the_plane_up_to_its_cap() -> None:
 
 
 def test_odometry_inverts_rolling() -> None:
-    """Wheel rates from the wheel constraints of the library at a random motion on the ground give it back."""
+    """Wheel rates from the library's wheel constraints at a random motion on the ground reproduce the motion."""
     from hqp.tasks import OmniWheelContact
 
     robot = hqp.robots.load("dreamer")
@@ -110,14 +110,14 @@ def test_odometry_does_not_follow_a_wheel_that_spins(wheel: int) -> None:
     robot = hqp.robots.load("dreamer")
     odometry, wheels = Odometry(robot), robot.joints("wheels")
     v = np.zeros(robot.nv)
-    for speed in np.linspace(0.0, 0.5, 100):  # along x, nothing turns
+    for speed in np.linspace(0.0, 0.5, 100):  # along x, without rotation
         v[wheels] = [speed * np.cross(w.axle, UP)[0] / w.radius for w in robot.wheels.values()]
         np.testing.assert_allclose(odometry.velocity(v), [speed, 0.0, 0.0], atol=1e-12)
         assert odometry.contradiction < 1e-12
     v[wheels[wheel]] += 100.0
     np.testing.assert_allclose(odometry.velocity(v), [0.5, 0.0, 0.0], atol=1e-12)
     assert odometry.contradiction > 1.0
-    v[wheels] += [100.0, -250.0, 400.0]  # all of them: what it was
+    v[wheels] += [100.0, -250.0, 400.0]  # all wheels: the last value stays
     np.testing.assert_allclose(odometry.velocity(v), [0.5, 0.0, 0.0], atol=1e-12)
 
 
@@ -145,7 +145,7 @@ def test_heading_turns_to_where_it_is_led_and_not_backwards() -> None:
     assert rates.min() == pytest.approx(-0.6)
     assert heading.yaw == pytest.approx(0.0, abs=1e-2)
     assert 0.002 * rates.sum() == pytest.approx(heading.yaw - 1.0)
-    for velocity in ([-0.3, 0.0], [0.0, 0.05]):  # backwards; too slow to tell
+    for velocity in ([-0.3, 0.0], [0.0, 0.05]):  # backwards; too slow
         settled = Heading(0.0, rate=0.6, period=0.002)
         assert [settled.update(np.array(velocity)) for _ in range(2000)] == [0.0] * 2000
     kept = Heading(1.0, rate=0.0, period=0.002)

@@ -15,9 +15,10 @@ from hqp.estimation import FeetEstimator
 
 @pytest.mark.slow
 def test_a_walk_on_a_floor_that_is_slippery_under_one_foot() -> None:
-    """mu is 0.2 under G1's right foot, at 0.3 m/s: it slides, which is told of no other foot and soon.
+    """mu is 0.2 under G1's right foot, at 0.3 m/s: its slip is reported soon, and no other foot's.
 
-    In its third stance it slides on; the base is off by 12 mm then, by 20 mm where slips are believed.
+    In its third stance it still slides; the error of the base is 12 mm, and 20 mm if the estimate includes the slipping
+    foot.
     """
     robot = hqp.robots.load("g1", rotors=True)
     course = Course("g1", 0, edit=slippery(robot.landmarks["soles"], robot), robot=robot)
