@@ -1,4 +1,4 @@
-"""The versions that pyproject.toml asks for are those that were installed and tested together (.ci/floors.txt)."""
+"""Minimum versions in pyproject.toml match the set that was installed and tested together (.ci/floors.txt)."""
 
 from __future__ import annotations
 

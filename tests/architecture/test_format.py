@@ -1,4 +1,4 @@
-"""C++ is formatted as .clang-format says; `make format` does it."""
+"""C++ follows .clang-format; `make format` applies it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The direction of imports, walked over the sources: who may know whom."""
+"""Direction of imports in the sources: allowed dependencies between rooms."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ FLOORS = (
     {"comparison", "export", "goals", "lab", "viewer"},
     {"adapters", "motion", "policies", "walking", "__main__"},
 )
-"""Rooms from the ground up: folders of hqp, and files beside them.  A room knows only what stands on lower floors."""
+"""Rooms from the ground up: folders of hqp, and files beside them.  A room imports only from lower floors."""
 
 UP = {("hqp.loop.stuck", "hqp.goals.ways_out")}
-"""A way out of a trap is looked for by sessions of its own, when a tick asks for one."""
+"""On request of a tick, sessions of their own search for a way out of a trap."""
 
 
 @cache
 def tree(path: Path) -> ast.Module:
-    """A file's syntax, read once for all tests."""
+    """Syntax tree of a file, parsed once for all tests."""
     return ast.parse(path.read_text())
 
 
 @cache
 def nodes(path: Path) -> tuple[ast.AST, ...]:
-    """All of it, flat."""
+    """All nodes of the tree, flat."""
     return tuple(ast.walk(tree(path)))
 
 
@@ -90,7 +90,7 @@ def modules() -> dict[str, Path]:
         for path in (ROOT / folder).rglob("*.py"):
             parts = path.relative_to(ROOT / folder).with_suffix("").parts
             if prefix == "hqp" and parts[0] in ("tasks", "robots"):
-                continue  # links to the folders beside
+                continue  # links to neighbouring folders
             found[".".join((prefix, *parts)).removesuffix(".__init__")] = path
     return found
 
@@ -112,20 +112,20 @@ def loads(name: str, path: Path, known: dict[str, Path]) -> set[str]:
 def test_no_circles() -> None:
     known = modules()
     graph = {name: loads(name, path, known) for name, path in known.items()}
-    while graph:  # take away what imports nothing that is left
+    while graph:  # remove modules without remaining imports
         free = {name for name, needs in graph.items() if not needs & graph.keys()}
         assert free, f"these import each other: {sorted(graph)}"
         graph = {name: needs for name, needs in graph.items() if name not in free}
 
 
 def room(module: str) -> str:
-    """The room that a module is in, "" for what is no room of hqp."""
+    """Room of a module, "" for a module outside the rooms of hqp."""
     parts = module.split(".")
     return parts[1] if parts[0] == "hqp" and len(parts) > 1 else ""
 
 
 def everything(name: str, path: Path, known: dict[str, Path]) -> set[str]:
-    """The modules that a module imports anywhere: in functions and for types, too."""
+    """Modules that a module imports anywhere, also in functions and for types."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = set()
     for node in nodes(path):
@@ -177,7 +177,7 @@ def test_only_adapters_import_back_ends() -> None:
     ],
 )
 def test_what_stands_outside_the_library(folder: str, unknown: set[str]) -> None:
-    """tests/scenes is what tests and benchmarks share; tests/benchmarks alone tests the benchmarks themselves."""
+    """tests and benchmarks share tests/scenes; only tests/benchmarks imports the benchmarks."""
     own = ROOT / "tests" / "benchmarks"
     found = [p for p in (ROOT / folder).rglob("*.py") if own not in p.parents]
     assert found
@@ -200,7 +200,7 @@ def run(code: str) -> subprocess.CompletedProcess[str]:
 
 
 HEAVY = BACKENDS | {"pinocchio", "mujoco", "matplotlib", "rich", "scipy", "importlib.metadata", "numpy.random"}
-"""What takes tens of milliseconds to import."""
+"""Packages that take tens of milliseconds to import."""
 
 
 def test_import_hqp_is_light() -> None:
@@ -260,7 +260,7 @@ def private_names(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("owner", ["loop/session.py", "loop/line.py", "loop/tick.py"])
 def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
-    """Nor does anybody look into the lines that it runs, or into a tick."""
+    """The lines of a session and a tick are private as well."""
     own = ROOT / "hqp" / owner
     names, found = private_names(own), []
     assert names
@@ -275,5 +275,5 @@ def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
 
 
 def session_like(node: ast.AST) -> bool:
-    """Whether an expression is one that may be a session, a line or a tick: another name or field than self."""
+    """Return true if an expression may be a session, a line or a tick: another name or field than self."""
     return not (isinstance(node, ast.Name) and node.id in ("self", "cls", "clone", "found", "other"))

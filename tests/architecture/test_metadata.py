@@ -1,4 +1,4 @@
-"""What files say of the package: one version, one licence, and no address but those that pyproject.toml declares."""
+"""Metadata in files: one version, one licence, and only addresses that pyproject.toml declares."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_actions_of_workflows_are_pinned_by_commit() -> None:
 
 
 def test_formatters_have_one_version() -> None:
-    """Hooks take those of the environment, and that has one series of each."""
+    """Hooks use the versions of the environment: one series of each formatter."""
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     dev = PROJECT["optional-dependencies"]["dev"]
     for name in ("ruff", "clang-format"):

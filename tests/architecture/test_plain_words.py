@@ -33,16 +33,10 @@ CEILINGS = {
     "hqp/cpp/priced": (70, 25, 25, 10),
     "hqp/cpp/session": (65, 55, 45, 20),
     "hqp/loop": (195, 150, 45, 60),
-    "tests/architecture": (30, 180, 15, 10),
-    "tests/benchmarks": (85, 100, 15, 10),
     "tests/damage": (30, 190, 15, 10),
     "tests/docs": (30, 265, 15, 10),
     "tests/invariance": (30, 20, 85, 10),
     "tests/mutation": (130, 20, 15, 10),
-    "tests/properties": (105, 170, 15, 65),
-    "tests/teleoperation": (130, 115, 15, 100),
-    "tests/viewer": (30, 200, 15, 10),
-    "tests/walking": (30, 105, 15, 130),
 }  # fmt: skip
 """Rooms above the goal: figures to lower as the room is rewritten."""
 

@@ -1,4 +1,4 @@
-"""Tolerances that stand in C++ as constants are those of hqp/tolerances.py."""
+"""Tolerances that are constants in C++ equal those of hqp/tolerances.py."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SAME = {
     ("solver/problem.hpp", "multiplier_tolerance"): "MULTIPLIER_TOLERANCE",
     ("solver/problem.hpp", "feasibility_tolerance"): "FEASIBILITY_TOLERANCE",
 }
-"""Constants by file and name, and what they are in Python."""
+"""Constants by file and name, with their names in Python."""
 
 
 @pytest.mark.parametrize(("place", "name"), SAME.items(), ids=lambda x: x if isinstance(x, str) else x[1])
