@@ -1,4 +1,4 @@
-"""Targets out of reach, a walking hand: calm with prices, restless without, and the figures that tell them apart."""
+"""Hand targets out of reach and a walking hand: calm with prices, restless without, and figures that separate both."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def loop(robot: str, formulation: str, name: str, variant: Variant, ticks: int =
 def test_out_of_reach_an_arm_is_calm(formulation: str, scene: str) -> None:
     priced, exact = (loop("ur5", formulation, scene, variant, 1500) for variant in (PRICED, EXACT))
     assert not set(goals.misses(formulation, priced))
-    assert {"jump", "reversals", "acceleration_p99"} <= set(goals.misses(formulation, exact))  # the scene can tell
+    assert {"jump", "reversals", "acceleration_p99"} <= set(goals.misses(formulation, exact))  # control
 
 
 @pytest.mark.slow
@@ -45,7 +45,7 @@ def test_within_reach_a_price_costs_nothing() -> None:
 
 @pytest.mark.slow
 def test_the_default_limits_keep_a_walking_hand_on_its_feet() -> None:
-    """Torque control with friction, even where levels are exact: limits held, feet loaded, CoM in place."""
+    """Torque control with friction, also with exact levels: limits held, feet loaded, CoM in place."""
     variant = Variant("exact", priced=False)
     told = figures(run(walking("talos", variant.limits), variant, 1200))
     assert float(told["over"]) < 1e-9
@@ -55,12 +55,12 @@ def test_the_default_limits_keep_a_walking_hand_on_its_feet() -> None:
 
 
 def test_figures_of_known_commands() -> None:
-    """One joint that flips, one that drifts: reversals a second, jumps and accelerations by hand."""
+    """One joint that alternates, one that drifts: reversals per second, jumps and accelerations by hand."""
     scene = scenes("ur5", "velocity", {})["within"]()
     ticks = 400
     commands = np.zeros((ticks, 6))
     commands[::2, 0] = 0.5  # a change of 0.5 every tick, 499 turns a second
-    commands[:, 1] = 1e-6 * (-1.0) ** np.arange(ticks)  # too small to be noticed
+    commands[:, 1] = 1e-6 * (-1.0) ** np.arange(ticks)  # below the threshold of a noticeable change
     accelerations = np.zeros((ticks, 6))
     accelerations[ticks // 2 :, 3] = 7.0
     data = Run.empty(scene, ticks)
@@ -89,7 +89,7 @@ def test_a_seed_draws_the_same_loop_twice() -> None:
 
 @pytest.mark.parametrize(("seed", "asked"), [(716, True), (640, False)])
 def test_a_path_asks_for_what_calm_exact_levels_need(seed: int, asked: bool) -> None:
-    """An exact answer that runs along its acceleration window (640) says nothing about the path."""
+    """An exact answer at the limits of its acceleration window (640) gives no information on the path."""
     (found,) = drawn.loops("velocity", [seed])
     assert found["misses"] == ["acceleration_p50"]
     assert found["asked"] is asked
@@ -98,5 +98,5 @@ def test_a_path_asks_for_what_calm_exact_levels_need(seed: int, asked: bool) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "fate"), [(96, "later"), (2, "saddle"), (73, "rest")])
 def test_where_a_goal_ends_that_exact_levels_alone_reach(seed: int, fate: str) -> None:
-    """UR5 passes a stretched arm slowly, rests at a fold from where opening the elbow leads on, or for good."""
+    """UR5 passes a stretched arm slowly, rests at a fold until the elbow opens, or rests for good."""
     assert arrival.fate(arrival.case("ur5", seed), PRICED) == fate

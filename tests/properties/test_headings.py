@@ -1,4 +1,4 @@
-"""Rotate the whole scene about the vertical, by 36 headings and by whole turns: results rotate, nothing else changes."""
+"""Rotate the whole scene about the vertical, by 36 headings and by whole turns: results rotate, no other change."""
 
 from __future__ import annotations
 

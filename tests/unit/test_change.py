@@ -191,7 +191,7 @@ def test_a_transition_goes_at_an_even_pace(robot: Robot) -> None:
 
 
 def test_a_transition_slows_down_rather_than_jump() -> None:
-    """The arm would be 0.5 rad/s faster: at 0.02 rad/s in a tick it takes 25, the ten that were asked for are few."""
+    """The arm would gain 0.5 rad/s: at 0.02 rad/s in a tick it takes 25 ticks, more than the requested ten."""
     arm = hqp.robots.load("ur5")
     posture, aimed = Posture(), Posture(law=P(5.0), name="aimed")
     run = session(arm, Stack(Level(posture)))
