@@ -1,4 +1,4 @@
-"""What a call does, as counts: the same on a busy machine and on a quiet one."""
+"""Counts of a call's operations: independent of the load of the machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def calls(function: Callable[..., Any], *given: Any) -> int:
-    """How many functions of Python and of C one call of a function calls, itself included."""
+    """Count the Python and C functions that one call of a function calls, itself included."""
     counted = 0
 
     def count(frame: FrameType, event: str, argument: Any) -> None:

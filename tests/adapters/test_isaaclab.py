@@ -1,4 +1,4 @@
-"""The action term of Isaac Lab over a stand-in for its articulation: torch, quaternions w x y z, other joints."""
+"""Action term of Isaac Lab on a stand-in for its articulation: torch, quaternions w x y z, other joints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WORLDS, DT = 3, 0.01
 
 
 class Articulation:
-    """Joints that are at their targets after each step, in an order of their own, with one that the robot lacks."""
+    """Joints that reach their targets in each step, in another order, with one that the robot lacks."""
 
     def __init__(self, robot: Robot, base: tuple[float, ...]) -> None:
         names = list(robot.model.names)[2 if robot.floating else 1 :]
@@ -95,7 +95,7 @@ def test_hands_arrive_at_their_offsets(tmp_path: Path, formulation: Any) -> None
         assert (action.status <= 1).all()
     np.testing.assert_allclose(hands() - began, 0.1 * given.numpy(), atol=1e-3)
     action.reset(torch.tensor([1]))
-    for _ in range(150):  # that world holds its hand where it is now, the others at their targets
+    for _ in range(150):  # this world holds its hand in place, the others at their targets
         action.process_actions(torch.where(torch.tensor([[True], [False], [True]]), given, torch.zeros(3, 3)))
         action.apply_actions()
     np.testing.assert_allclose(hands() - began, 0.1 * given.numpy(), atol=1e-3)
@@ -103,7 +103,7 @@ def test_hands_arrive_at_their_offsets(tmp_path: Path, formulation: Any) -> None
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 def test_a_turned_base_is_seen_in_the_order_of_its_quaternion(tmp_path: Path, order: Any) -> None:
-    """The command of a floating arm is that of the session at the same state."""
+    """The command of a floating arm equals that of the session at this state."""
     hand = t.Position(frame="panda_hand", name="hand")
     robot = plan(tmp_path / "free.hqp", "panda", hqp.Velocity(), hand, floating=True)
     half = math.radians(40.0)

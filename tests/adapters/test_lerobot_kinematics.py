@@ -63,8 +63,8 @@ class Drawn:
 
 
 class Documented:
-    """LeRobot's class as its source documents it, on Pinocchio: degrees for every joint, in the order of the names;
-    joints without a name stay at zero; entries behind the named ones are handed through."""
+    """LeRobot's class as documented in its source, on Pinocchio: degrees for every joint, in the order of the names;
+    unnamed joints stay at zero; entries after the named ones are passed through."""
 
     def __init__(self, path: Path, frame: str, names: list[str]) -> None:
         self.model, self.names = pin.buildModelFromUrdf(str(path)), names
@@ -112,7 +112,7 @@ def test_poses_are_those_of_lerobot(seed: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_named_joints_alone_reach_the_pose(seed: int, tmp_path: Path) -> None:
-    """The documented class, whose unnamed joints rest, finds the pose at the answer, whatever the frame or order."""
+    """The documented class, with unnamed joints at rest, finds the pose at the answer, for any frame and order."""
     arm = Drawn(seed, tmp_path)
     ours, theirs = RobotKinematics(arm.path, "left", arm.names), Documented(arm.path, "left", arm.names)
     for _ in range(4):
@@ -139,7 +139,7 @@ def test_the_answer_is_the_nearest_turn(seed: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_joint_outside_its_limits_returns_without_a_jump(seed: int, tmp_path: Path) -> None:
-    """The pose of the measured joints is the target: the answer comes inside by RETURN in a call, and stays there."""
+    """The target is the pose of the measured joints: the answer moves inside by RETURN per call, and stays there."""
     arm = Drawn(seed, tmp_path, kinds=("revolute",))
     ours = RobotKinematics(arm.path, "left", arm.names)
     low, high = np.rad2deg([arm.range[int(name[1:])] for name in arm.names]).T
@@ -158,7 +158,7 @@ def test_a_joint_outside_its_limits_returns_without_a_jump(seed: int, tmp_path: 
 
 @pytest.mark.parametrize("goal", [175.0, 185.0, -175.0, 545.0, -190.0])
 def test_a_posture_goes_the_nearest_way(goal: float, tmp_path: Path) -> None:
-    """Target and measurement on both sides of the half turn: the joint goes on by the small difference."""
+    """Target and measurement on both sides of the half turn: the joint moves by the small difference."""
     arm = Drawn(0, tmp_path, kinds=("continuous",))
     robot = hqp.robots.load(arm.path)
     turn = Posture(joints=["j1"], law=P(5.0))

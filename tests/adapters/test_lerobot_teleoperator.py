@@ -33,7 +33,7 @@ HEAVY = ("torch", "draccus", "serial", "deepdiff", "huggingface_hub", "huggingfa
 
 
 class Anything(ModuleType):
-    """A package that is not there: every name of it is an empty class."""
+    """A missing package: every name of it is an empty class."""
 
     __path__: list[str] = []  # noqa: RUF012
 
@@ -57,7 +57,7 @@ class Step:
 
 @pytest.fixture
 def lerobot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Imports LeRobot's own modules with what they do not use here left out."""
+    """Import LeRobot's own modules without packages that the tests do not use."""
     pytest.importorskip("lerobot")
     before = set(sys.modules)
     processor = Anything("lerobot.processor")
@@ -90,7 +90,7 @@ def lerobot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 class Arm:
-    """UR5, its hand after a Follow, on a clock of its own."""
+    """UR5 with a hand behind a Follow, on a simulated clock."""
 
     def __init__(self, *, clutch: bool, scale: float = 1.0) -> None:
         self.robot = hqp.robots.load("ur5")
@@ -117,7 +117,7 @@ class Arm:
 
 
 def led(arm: Arm, reader: TeleoperatorReader, actions: list[dict[str, Any]]) -> list[str]:
-    """Actions one after the other, and half a second more."""
+    """Send actions in turn, and run half a second more."""
     notes = []
     for action in actions:
         reader.take(action, received=arm.now)
@@ -138,11 +138,11 @@ def phone(position: Any, turn: Any, enabled: bool) -> dict[str, Any]:
 def test_a_phone_leads_the_hand_and_its_zero_moves_without_a_jump() -> None:
     arm = Arm(clutch=True)
     reader = TeleoperatorReader(None, arm.follow, rate=0.0)
-    ramp = np.concatenate((np.zeros(5), np.linspace(0.0, 0.1, 55)))  # a hand is known from three packets on
+    ramp = np.concatenate((np.zeros(5), np.linspace(0.0, 0.1, 55)))  # a hand is accepted after three packets
     notes = led(arm, reader, [phone([0.0, x, 0.0], [0.0, 0.0, x], True) for x in ramp])
     assert arm.pose[:3, 3] == pytest.approx(arm.start[:3, 3] + [0.0, 0.1, 0.0], abs=1e-3)
     assert arm.pose[:3, :3] == pytest.approx(exponential(np.array([0.0, 0.0, 0.1])) @ arm.start[:3, :3], abs=2e-3)
-    # The button opens, the phone is carried back 0.3 m, and where it closes their positions begin at zero again.
+    # The button opens, the phone moves back 0.3 m, and its positions begin at zero again when the button closes.
     away = [phone([0.0, 0.1 - 3.0 * x, 0.0], [0.0, 0.0, 0.1], False) for x in ramp]
     held = arm.pose
     notes += led(arm, reader, away)

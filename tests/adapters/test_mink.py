@@ -65,7 +65,7 @@ def test_one_level_is_minks_answer(scene) -> None:
     tasks = [*feet, hand, posture]
     theirs = mink.solve_ik(configuration, tasks, DT, "daqp", damping=1e-12)
     ours = solve_ik(configuration, tasks, DT)
-    # what no task of theirs moves is settled by damping, of ours by the least displacement
+    # damping fixes the remaining directions in mink, the least displacement in hqp
     for task in tasks:
         J = task.compute_jacobian(configuration)
         assert np.abs(J @ (ours - theirs)).max() < 1e-4 * max(1.0, np.abs(J @ theirs).max())

@@ -1,4 +1,4 @@
-"""pink's tasks and solve_ik on hqp: equal rows, equal answers where one level is asked, strict levels beyond."""
+"""pink's tasks and solve_ik on hqp: equal rows, equal answers with one level, strict levels beyond."""
 
 from __future__ import annotations
 

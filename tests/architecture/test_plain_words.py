@@ -33,10 +33,6 @@ CEILINGS = {
     "hqp/cpp/priced": (70, 25, 25, 10),
     "hqp/cpp/session": (65, 55, 45, 20),
     "hqp/loop": (195, 150, 45, 60),
-    "tests/damage": (30, 190, 15, 10),
-    "tests/docs": (30, 265, 15, 10),
-    "tests/invariance": (30, 20, 85, 10),
-    "tests/mutation": (130, 20, 15, 10),
 }  # fmt: skip
 """Rooms above the goal: figures to lower as the room is rewritten."""
 

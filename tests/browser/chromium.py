@@ -1,4 +1,4 @@
-"""A page in headless Chromium, as a visitor has it."""
+"""A page in headless Chromium, as for a visitor."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ UP = np.array([54, 142, 226])
 
 @contextmanager
 def tab_at(url: str, text: str = "Time of a tick", still: bool = True) -> Iterator[Any]:
-    """The page, once it shows that text and, where it stands still, the scene is drawn."""
+    """Yield the page once it shows the text and, if it stands still, the scene is drawn."""
     api = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:
         pytest.skip("no Chromium: apt-get install --no-install-recommends chromium, or set HQP_CHROMIUM")
@@ -43,7 +43,7 @@ def tab_at(url: str, text: str = "Time of a tick", still: bool = True) -> Iterat
 
 
 def settle(tab: Any) -> None:
-    """Until the scene is drawn, which takes a software renderer a while, and stands still."""
+    """Wait until the scene is drawn by the software renderer and stands still."""
     before, same = picture(tab)[SCENE], 0
     for _ in range(40):
         tab.wait_for_timeout(1_500)
@@ -60,13 +60,13 @@ def picture(tab: Any) -> Any:
 
 
 def shoot(tab: Any, name: str) -> None:
-    """Keep a picture to look at."""
+    """Keep a screenshot."""
     SHOTS.mkdir(parents=True, exist_ok=True)
     tab.screenshot(path=str(SHOTS / f"{name}.png"), timeout=120_000)
 
 
 def wait_for(tab: Any, text: str) -> None:
-    """Until the page says so."""
+    """Wait until the page shows a text."""
     tab.wait_for_selector(f"text={text}", timeout=60_000)
 
 
@@ -82,7 +82,7 @@ def arrow(tab: Any, still: bool = True) -> tuple[int, int]:
 
 
 def drag(tab: Any, x: int, y: int, right: int, down: int) -> None:
-    """Take what is at a pixel and put it elsewhere."""
+    """Drag the object at a pixel."""
     tab.mouse.move(x, y)
     tab.mouse.down()
     for k in range(1, 12):

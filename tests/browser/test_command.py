@@ -1,4 +1,4 @@
-"""The command `hqp view` as it is typed, in a real browser: no reference is given, and every target can be dragged."""
+"""`hqp view` as typed, in a real browser: without references every target can be dragged."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.browser
 
 @contextmanager
 def command(*arguments: str) -> Iterator[Any]:
-    """The page of `hqp view ARGUMENTS`, opened at the address that it prints."""
+    """The page of `hqp view ARGUMENTS`, opened at its printed address."""
     line = [sys.executable, "-m", "hqp", "view", *arguments, "--no-browser"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         try:
@@ -35,7 +35,7 @@ def command(*arguments: str) -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def tab() -> Iterator[Any]:
-    """The page of the example that README names."""
+    """The page of README's example."""
     with command("examples/g1.toml", "--robot", "g1") as found:
         yield found
 
@@ -43,7 +43,7 @@ def tab() -> Iterator[Any]:
 def test_the_example_is_dragged_without_a_reference(tab: Any) -> None:
     wait_for(tab, "every contact and every limit holds")
     assert "gives way" not in tab.inner_text("body")
-    x, y = arrow(tab)  # of the hand, the only target that moves along z
+    x, y = arrow(tab)  # the hand's, the only target that moves along z
     shoot(tab, "command")
     drag(tab, x, y, 0, -60)
     wait_for(tab, "Every target is reached; posture gives way")

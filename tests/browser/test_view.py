@@ -1,4 +1,4 @@
-"""The page in a real browser: it shows the robot, a target is dragged, the loop hardly notices."""
+"""The page in a real browser: it shows the robot, a target is dragged, the loop is hardly slower."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tests.counting import calls
 
 DT = 0.002
 CALLS, PICTURE = 20, 600
-"""Of functions that the view may add to a tick, and to one of which it takes a picture; a call takes some 0.1 us."""
+"""Function calls that the view may add to a tick, without and with a picture; a call takes some 0.1 us."""
 
 REACH = np.array([0.12, 0.05, 0.15])
 pytestmark = pytest.mark.browser
 
 
 class Loop(threading.Thread):
-    """A robot that carries out every command, at 500 Hz beside its page."""
+    """A robot that executes every command, at 500 Hz next to its page."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -117,7 +117,7 @@ def test_at_a_limit(page: tuple[Loop, Any]) -> None:
 
 
 def test_in_collision(page: tuple[Loop, Any]) -> None:
-    """Inside the pelvis: links are kept apart, the page names them."""
+    """Inside the pelvis: links stay apart, and the page names them."""
     loop, tab = page
     loop.goal = hqp.robots.load("g1").state().position("pelvis") + [0.0, 0.0, 0.02]
     wait_for(tab, "Kept apart")
@@ -143,7 +143,7 @@ def test_a_target_is_dragged(page: tuple[Loop, Any]) -> None:
 
 
 def test_the_loop_hardly_notices(page: tuple[Loop, Any]) -> None:
-    """What the view adds to a tick, as calls of functions: the same on a busy machine and on a quiet one."""
+    """Function calls that the view adds to a tick: a count that does not depend on the load of the machine."""
     loop, tab = page
     loop.counted = {True: [], False: []}
     tab.wait_for_timeout(10_000)
@@ -169,6 +169,6 @@ def test_pause_and_step(page: tuple[Loop, Any]) -> None:
     tab.click("text=Step")
     tab.wait_for_timeout(800)
     assert loop.session.count == before + 1
-    tab.get_by_text("Run", exact=True).click()  # a note of viser's may say "running"
+    tab.get_by_text("Run", exact=True).click()  # viser's notes may contain "running"
     tab.wait_for_timeout(800)
     assert loop.session.count > before + 10

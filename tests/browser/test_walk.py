@@ -1,4 +1,4 @@
-"""The command `hqp walk --view` in a real browser: keys in the terminal steer the robot, and a space stops it."""
+"""`hqp walk --view` in a real browser: keys in the terminal steer the robot, and a space stops it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.browser
 
 
 class Terminal:
-    """A command at a terminal of its own."""
+    """A command in its own terminal."""
 
     def __init__(self, *line: str) -> None:
         self._own, theirs = pty.openpty()
@@ -38,12 +38,12 @@ class Terminal:
         os.write(self._own, keys.encode())
 
     def until(self, pattern: str, seconds: float = 120.0, start: int = 0) -> re.Match[str]:
-        """What was printed after ``start`` of all text, once it matches."""
+        """Return the match of a pattern in the output after ``start``, once there is one."""
         end = time.monotonic() + seconds
         while not (found := re.compile(pattern).search(self.text, start)):
             assert time.monotonic() < end, f"no {pattern!r} in {self.text[start:]!r}"
             if select.select([self._own], [], [], 0.5)[0]:
-                self.text += os.read(self._own, 4096).decode()  # raises OSError once the command has ended
+                self.text += os.read(self._own, 4096).decode()  # raises OSError after the command has ended
         return found
 
 
@@ -62,7 +62,7 @@ def test_keys_steer_the_robot_and_a_space_stops_it() -> None:
         url = walk.until(r"(http\S+)\s")[1]
         with tab_at(url, "g1 walks", still=False) as tab:
             before = picture(tab)[SCENE]
-            walk.press("www")  # at once, as from a hand that is fast
+            walk.press("www")  # at once, as from a fast hand
             walk.until(r"swing .*CoM +0\.[1-9]")
             moved = picture(tab)[SCENE]
             shoot(tab, "walk")

@@ -1,1 +1,1 @@
-"""Files with something wrong in them: drawn damage to recordings, URDF and MJCF files, and who must say what of it."""
+"""Damaged files: random damage to recordings, URDF and MJCF files, and the errors that they must cause."""

@@ -1,6 +1,6 @@
-"""Read damaged files and print what was raised that should not be: python -m tests.damage KIND COUNT SEED.
+"""Read damaged files and print unexpected exceptions: python -m tests.damage KIND COUNT SEED.
 
-In a process of its own: a crash in a library is a failure too, and what a file asks for in memory is bounded.
+Runs in a process of its own: a crash in a library is a failure too, and the memory of a file is bounded.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 MEMORY = 4 * 2**30
-"""Of addresses [bytes]."""
+"""Limit on the address space [bytes]."""
 
 
 def main(kind: str, count: int, seed: int) -> int:
@@ -32,7 +32,7 @@ def main(kind: str, count: int, seed: int) -> int:
         for k in range(count):
             rng = random.Random(seed * 1_000_003 + k)
             data = damage(rng.choice(samples), rng)
-            print(k, file=sys.stderr, flush=True)  # the last one is to blame for a crash
+            print(k, file=sys.stderr, flush=True)  # the last one has caused a crash
             path.write_bytes(data)
             refused += _tried(read, path, k, raised)
     print(json.dumps({"read": count, "refused": refused, "raised": raised}))
@@ -40,7 +40,7 @@ def main(kind: str, count: int, seed: int) -> int:
 
 
 def _tried(read: Callable[[Path], bool], path: Path, k: int, raised: dict[str, str]) -> int:
-    """1 where the file was refused as it should be."""
+    """Return 1 if the file was refused with the right error."""
     try:
         return int(read(path))
     except BaseException as error:

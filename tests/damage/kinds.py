@@ -1,4 +1,4 @@
-"""The kinds of files that are damaged: whole ones, how they are damaged, and how they are read."""
+"""Kinds of damaged files: intact files, damage, and readers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Kind = tuple[list[bytes], Callable[[bytes, random.Random], bytes], Callable[[Pat
 
 
 def of(name: str) -> Kind:
-    """Whole files, damage, reader (True where it refuses as it should), suffix."""
+    """Intact files, damage, reader (True if it refuses correctly), suffix."""
     if name == "recordings":
         return [recorded("ur5", hqp.Velocity()), recorded("ur5", hqp.Torque())], recordings.damaged, _recording, ".npz"
     if name == "urdf":
@@ -111,14 +111,14 @@ WALKER = """<mujoco model="walker">
 
 
 def text_of(name: str) -> bytes:
-    """The file of a robot of the catalogue."""
+    """File of a robot of the catalogue."""
     source = hqp.robots.load(name).source
     assert source is not None
     return source.read_bytes()
 
 
 def _model(path: Path) -> bool:
-    """What loads has a state, a printed form and, unless it says why not, shapes; otherwise ModelError."""
+    """A loaded model has a state, a printed form and, unless a note gives a reason, shapes; otherwise ModelError."""
     floating = True if path.suffix == ".urdf" and path.stat().st_size % 2 else None
     try:
         robot = hqp.robots.load(path, floating=floating)
@@ -138,7 +138,7 @@ def _model(path: Path) -> bool:
 
 
 def recorded(name: str, formulation: Any) -> bytes:
-    """A recording of eight ticks, the last with a state that is none."""
+    """A recording of eight ticks, the last with an invalid state."""
     robot = hqp.robots.load(name)
     hand = Position(frame=robot.frame_names[-1], name="hand")
     limits = TorqueLimits() if isinstance(formulation, hqp.Torque) else JointLimits()
@@ -158,7 +158,7 @@ def recorded(name: str, formulation: Any) -> bytes:
 
 
 def _recording(path: Path) -> bool:
-    """What loads can be printed, explained and solved again; otherwise DeclarationError."""
+    """A loaded recording can be printed, explained and solved again; otherwise DeclarationError."""
     try:
         found = hqp.recorder.load(path)
     except DeclarationError:

@@ -1,4 +1,4 @@
-"""Two thousand damaged files a kind, drawn from a seed, end in the library's own errors, in a process of their own."""
+"""Two thousand damaged files of each kind, drawn from a seed, raise only the library's errors in a separate process."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ def test_damaged_files_end_in_our_errors(kind: str, tmp_path: Path) -> None:
     pytest.importorskip("resource")  # Windows has none
     command = [sys.executable, "-m", "tests.damage", kind, str(FILES), str(SEED)]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(  # MuJoCo writes a log where it runs
+    done = subprocess.run(  # MuJoCo writes a log to the current folder
         command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
     )
     told = json.loads(done.stdout.splitlines()[-1]) if done.stdout else {}
     assert told, f"it ended with {done.returncode}: {done.stderr[-2000:]}"
     assert not told["raised"]
     assert told["read"] == FILES
-    assert 0.3 * FILES < told["refused"] < 0.9 * FILES  # damage that matters, and damage that does not
+    assert 0.3 * FILES < told["refused"] < 0.9 * FILES  # some damage matters, some does not
 
 
 def test_a_recording_does_not_ask_for_more_memory_than_it_fills(tmp_path: Path) -> None:
-    """A header may say 464 GiB, and a pattern rows that no array has."""
+    """A header may claim 464 GiB, and a pattern rows that no array has."""
     whole = recorded("ur5", hqp.Velocity())
     header = io.BytesIO()
     said = {"descr": "<f8", "fortran_order": False, "shape": (250_000, 250_000)}

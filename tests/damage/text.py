@@ -15,7 +15,7 @@ _NUMBER = re.compile(rb"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 
 
 def bytes_of(data: bytes, rng: random.Random) -> bytes:
-    """One to eight bytes changed, taken away or put in, or the end cut off."""
+    """Change, remove or insert one to eight bytes, or cut off the end."""
     found = bytearray(data)
     kind = rng.randrange(4)
     if kind == 0:
@@ -34,14 +34,14 @@ def bytes_of(data: bytes, rng: random.Random) -> bytes:
 
 
 def number_of(data: bytes, rng: random.Random) -> bytes:
-    """One number replaced by another, or by what is none."""
+    """Replace one number by another, or by an invalid one."""
     places = list(_NUMBER.finditer(data))
     place = rng.choice(places)
     return data[: place.start()] + rng.choice(NUMBERS).encode() + data[place.end() :]
 
 
 def element_of(data: bytes, rng: random.Random) -> bytes:
-    """One to three elements or attributes of an XML file taken away, doubled, moved, renamed or given another value."""
+    """Remove, double, move, rename or change one to three elements or attributes of an XML file."""
     root = ET.fromstring(data)
     for _ in range(rng.choice((1, 1, 2, 3))):
         parents = [(parent, child) for parent in root.iter() for child in parent]
@@ -68,5 +68,5 @@ def element_of(data: bytes, rng: random.Random) -> bytes:
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
-    """A file damaged in one of these ways."""
+    """Damage a file in one of these ways."""
     return rng.choice((bytes_of, number_of, element_of, element_of))(data, rng)

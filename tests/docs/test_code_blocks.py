@@ -1,4 +1,4 @@
-"""Every Python block of the README and of the docs runs; later blocks of a page see the names of earlier ones."""
+"""Every Python block of the README and of the docs runs; later blocks of a page use the names of earlier ones."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def blocks(page: Path, language: str) -> list[tuple[int, str]]:
 def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     module = ModuleType("page")
-    monkeypatch.setitem(sys.modules, "page", module)  # classes look their module up
+    monkeypatch.setitem(sys.modules, "page", module)  # classes look up their module
     for line, code in blocks(page, "python"):
-        source = "\n" * (line - 1) + code  # a traceback then points into the page
+        source = "\n" * (line - 1) + code  # tracebacks then point into the page
         exec(compile(source, str(page), "exec", dont_inherit=True), module.__dict__)
     gc.unfreeze()  # a loop of a page may have frozen the heap
 
@@ -78,7 +78,7 @@ def test_stacks_of_the_papers_are_shown_as_they_are_run(page: str, theirs: Stack
 
 
 def test_first_examples_put_the_feet_into_subject_to() -> None:
-    """Contacts are physics; a newcomer copies what stands first."""
+    """Contacts are physics; newcomers copy the first example."""
     for page in ("README.md", "docs/quickstart.md"):
         code = next(c for _, c in blocks(ROOT / page, "python") if "FixedContact(" in c and "Stack(" in c)
         module: dict[str, object] = {}

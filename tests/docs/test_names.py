@@ -1,4 +1,4 @@
-"""Every name of hqp that the README and the docs mention in prose exists where a reader looks for it."""
+"""Every name of hqp in the prose of README and docs exists at the named place."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def prose(page: Path) -> str:
 
 
 def find(dotted: str) -> Any:
-    """What a dotted name stands for, imported; raises ImportError where there is nothing of that name."""
+    """Import the object of a dotted name; raise ImportError if there is none."""
     value: Any = hqp
     parts = dotted.split(".")
     for k, part in enumerate(parts[1:], start=2):

@@ -1,4 +1,4 @@
-"""Each promise of docs/safety.md names the tests that hold it, and these run."""
+"""Each promise of docs/safety.md names the tests that hold it, and these tests run."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ HEAD = "| promise | test |\n|---|---|\n"
 
 
 def promises(page: str) -> list[tuple[str, str]]:
-    """Rows of the tables of promises: what is promised, and the tests."""
+    """Rows of the tables of promises: promise and tests."""
     tables = [part.partition("\n\n")[0] for part in page.split(HEAD)[1:]]
     rows = [line.strip("|").rpartition(" | ") for table in tables for line in table.splitlines()]
     return [(promise.strip(), tests.strip()) for promise, _, tests in rows]
 
 
 def broken(page: str, running: Collection[str]) -> list[str]:
-    """What is wrong with the promises of a page, where those tests run."""
+    """Defects of a page's promises, for the set of tests that run."""
     found = []
     for promise, tests in promises(page):
         names = re.findall(r"`(test_\w+\.py::test_\w+)`", tests)
@@ -34,7 +34,7 @@ def broken(page: str, running: Collection[str]) -> list[str]:
 
 
 def running(page: str) -> set[str]:
-    """Tests of the files that a page names which pytest collects and nothing skips."""
+    """Tests of the files named by a page that pytest collects and never skips."""
     files = sorted({TESTS[name] for name in re.findall(r"test_\w+\.py", page) if name in TESTS})
     options = ["--collect-only", "-q", "--no-header", "-p", "no:cacheprovider"]
     told = subprocess.run(
@@ -49,7 +49,7 @@ def running(page: str) -> set[str]:
 
 
 def left_out(path: Path) -> list[str]:
-    """Tests of a file that are skipped, whatever is installed, or expected to fail."""
+    """Tests of a file that are always skipped, or expected to fail."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     tests = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
     whole = any(isinstance(n, ast.Assign) and re.match(rf"pytestmark\b.*{NEVER}", ast.unparse(n)) for n in tree.body)

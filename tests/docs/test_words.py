@@ -1,4 +1,4 @@
-"""What pages promise a reader: guides of bounded length, code that fits a page."""
+"""Promises of pages to a reader: guides of bounded length, code that fits a page."""
 
 from __future__ import annotations
 

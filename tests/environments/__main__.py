@@ -1,4 +1,4 @@
-"""Install hqp beside what people run, in environments that are thrown away, and run it there.
+"""Install hqp with popular packages in temporary environments, and run it there.
 
 python -m tests.environments [NAME ...] [--folder FOLDER] [--heavy] [--resolve]
 """
@@ -23,7 +23,7 @@ else:
 ROOT = Path(__file__).parents[2]
 SHOWN = ("numpy", "scipy", "pin", "mujoco", "torch")
 WHEELS = ("--quiet", "--only-binary", ":all:")
-"""Options of pip: an environment that has to compile a package is one that people do not have."""
+"""Options of pip: users have no environment that must compile a package."""
 ALONE = """
 import importlib.metadata, numpy, sys, hqp
 session = hqp.load(sys.argv[1])
@@ -34,7 +34,7 @@ print("numpy", importlib.metadata.version("numpy"))
 
 
 def main() -> int:
-    """Print a line for each environment; 1 if one failed."""
+    """Print a line for each environment; return 1 if one failed."""
     parser = argparse.ArgumentParser(prog="python -m tests.environments", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="default: all that are not heavy")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "hqp-environments")
@@ -65,7 +65,7 @@ def interpreter(version: str | None) -> str | None:
     """The Python of a version, this one for None."""
     if version is None or version == f"{sys.version_info[0]}.{sys.version_info[1]}":
         return sys.executable
-    found = shutil.which(f"python{version}")  # it may be a shim of a version manager that has no such Python
+    found = shutil.which(f"python{version}")  # it may be a shim of a version manager that lacks this Python
     usable = found and subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode == 0
     return found if usable else None
 
@@ -78,7 +78,7 @@ def run(*command: object, **options: Any) -> str:
 
 
 def resolved(about: dict[str, Any], python: str) -> str:
-    """What pip would install beside a pure hqp, which needs no compiler."""
+    """Versions that pip would install with a pure hqp, which needs no compiler."""
     found = run(
         python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet", "--report", "-", ROOT,
         *about["requires"], env={"HQP_PURE": "1"},

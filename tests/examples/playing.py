@@ -1,4 +1,4 @@
-"""A program run as a user would run it, in a process that has the imports behind it."""
+"""Run a program as a user does, in a process that has finished the imports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SERVER.set_forkserver_preload(["hqp.commands", "hqp.robots.on_mujoco"])
 
 
 def play(path: Path, folder: Path, *arguments: str) -> tuple[int | None, str]:
-    """The exit status, None where it took too long, and what was printed; ``folder`` is where it works."""
+    """Exit status, None after a timeout, and printed output; ``folder`` is the working directory."""
     process = SERVER.Process(target=_alone, args=(path, folder, arguments))
     process.start()
     process.join(1200)
@@ -33,7 +33,7 @@ def _alone(path: Path, folder: Path, arguments: tuple[str, ...]) -> None:
     made: Any = hqp.Controller.__init__
 
     def patient(*given: Any, **more: Any) -> None:
-        """Simulations wait for their answers, also on a machine that is busy with other tests."""
+        """Simulations wait for their answers, also on a busy machine."""
         made(*given, **{"deadline": math.inf, **more})
 
     hqp.Controller.__init__ = patient  # type: ignore[method-assign]

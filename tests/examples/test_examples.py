@@ -1,4 +1,4 @@
-"""Every example runs as a user would run it."""
+"""Every example runs as for a user."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LONG = {
     "ball_shoulders", "lean_on_a_table", "lift_a_foot", "moving_balls", "quadruped_paw", "two_arms_apart", "waiter",
     "walk_talos",
 }  # fmt: skip
-"""Those that move for long."""
+"""Examples with long motions."""
 PROGRAMS = [
     pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in LONG else [])
     for path in sorted(EXAMPLES.glob("*.py"))

@@ -1,4 +1,4 @@
-"""reach and solve_ik given what they cannot use: errors of ours that say what is allowed."""
+"""Invalid arguments of reach and solve_ik: hqp's errors with the allowed values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STACK = Stack(Level(HAND), Level(Posture()))
 
 
 class Something:
-    """An object of no use, printed the same in every process: workers compare the names of tests."""
+    """A useless object, printed equally in every process: workers compare the names of tests."""
 
     def __repr__(self) -> str:
         return "Something()"

@@ -1,4 +1,4 @@
-"""reach: targets met on strict levels, from many starts, and why not where they are not."""
+"""reach: targets met on strict levels, from many starts, and the reason if they are not met."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_panda_leaves_its_elbow_limit() -> None:
 
 
 def test_levels_are_strict() -> None:
-    """One hand near, the other asked 1.5 m ahead: the first level is met, the second as near as that lets it."""
+    """One hand target near, the other 1.5 m ahead: the first level is met, the second as close as the first allows."""
     robot = load("g1")
     one, two = Position(frame="left_wrist_yaw_link"), Position(frame="right_wrist_yaw_link")
     state = robot.state()
@@ -84,7 +84,7 @@ def test_levels_are_strict() -> None:
     assert found.residuals["one"] < 1e-3
     assert found.errors["right_wrist_yaw_link"] > 0.5
     assert found.reason.startswith("two: right_wrist_yaw_link has error ")
-    # as near as it gets: no joint that is free to move brings the second hand nearer without moving the first
+    # a local minimum: no free joint brings the second hand nearer without moving the first
     state = robot.state(found.q)
     inside = (found.q > robot.lower + 1e-6) & (found.q < robot.upper - 1e-6)
     J, K = one.jacobian(state)[:, inside], two.jacobian(state)[:, inside]
@@ -95,7 +95,7 @@ def test_levels_are_strict() -> None:
 
 
 def test_levels_below_settle() -> None:
-    """A posture without a reference is as near to q0 as the hand lets it: no step of the self-motion is left."""
+    """A posture without a reference is as near to q0 as the hand allows: no step along the self-motion remains."""
     robot = load("panda")
     hand, posture = Pose(frame="panda_hand_tcp"), Posture()
     pose = hand.value(robot.state())
@@ -159,7 +159,7 @@ def test_a_budget_ends_it_and_says_so() -> None:
 
 
 def test_what_is_kept_goes_with_its_robot() -> None:
-    """A search for each stack, again and again the same one; neither the robot nor its meshes are held by it."""
+    """One search for each stack, again and again the same; it keeps neither the robot nor its meshes alive."""
     robot, hand = load("panda"), Position(frame="panda_hand_tcp")
     goal, stacks = hand.at([0.4, 0.1, 0.5]), [Stack(Level(hand)), Stack(Level(hand), Level(Posture()))]
     assert robot.geometry.ngeoms > 0
@@ -201,7 +201,7 @@ def python_only(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "cbi"])
 def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same steps, configurations and errors, whether targets are met, stalled or out of reach."""
+    """Equal steps, configurations and errors, with targets that are met, stalled or out of reach."""
     robot = hqp.robots.load(name) if name == "cbi" else load(name)
     rng = np.random.default_rng(5)
     if name == "cbi":
@@ -214,7 +214,7 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
         stack = Stack(Level(hand), Level(Posture()))
     start, runs = hand.value(robot.state()), []
     goals = []
-    for k in (0, 6) if name == "cbi" else range(8):  # whose general path takes a second a goal
+    for k in (0, 6) if name == "cbi" else range(8):  # cbi's general path takes a second per goal
         goal = start.copy()
         goal[..., 3 if goal.ndim > 1 else slice(None)][:3] += rng.uniform(-0.4, 0.4, 3) * (4.0 if k > 5 else 1.0)
         goals.append(hand.at(goal))
@@ -241,7 +241,7 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
 
 
 def every_joint() -> Robot:
-    """A free base with a joint of every kind that native kinematics know, one after the other."""
+    """A free base with a joint of every kind of the native kinematics, in series."""
     model, joint = pin.Model(), 0
     kinds = (pin.JointModelFreeFlyer(), pin.JointModelSpherical(), pin.JointModelRUBY(), pin.JointModelPX(),
              pin.JointModelSpherical(), pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])),
@@ -267,7 +267,7 @@ def test_native_kinematics_are_pinocchios(name: str) -> None:
     for k in range(5):
         q, x = robot.random_configuration(rng), rng.normal(size=robot.nv)
         if robot.floating and k % 2:
-            x[3:6] *= 1e-5  # a base that goes nearly straight on
+            x[3:6] *= 1e-5  # a base that moves nearly straight
         moved = robot.integrate(q, x, 0.7)
         out = np.empty(robot.nq)
         twin.integrate(q, x, 0.7, out)

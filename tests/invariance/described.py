@@ -1,4 +1,4 @@
-"""The same robot from a rewritten file, and its scenes."""
+"""One robot from a rewritten file, and its scenes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Described:
     def robot(
         self, folder: Path, root: ET.Element | None = None, names: Mapping[str, str] | None = None, length: float = 1.0
     ) -> Robot:
-        """The robot of another version of the file; names: new ones of joints by old ones."""
+        """Robot of another version of the file; names: new names of joints by old ones."""
         return self.standing(
             hqp.robots.load(urdf.written(self.root if root is None else root, folder, "model"), floating=self.floating),
             names,
@@ -73,7 +73,7 @@ def of_catalogue(name: str) -> Described:
 
 
 FILES = tuple(name for name in (*BIPEDS, *ARMS) if name not in ("cbi", "g1"))
-"""Of the catalogue, those whose soles are links of their URDF."""
+"""Robots of the catalogue with soles that are links of their URDF."""
 
 
 def drawn(rng: Generator) -> Described:
@@ -89,7 +89,7 @@ def draw(kind: str, seed: int) -> tuple[Described, Generator]:
 
 
 def rotation(rng: Generator) -> Mat:
-    """A rotation drawn without preference."""
+    """A uniformly random rotation."""
     Q, R = np.linalg.qr(rng.normal(size=(3, 3)))
     Q = Q * np.sign(np.diag(R))
     return Q if np.linalg.det(Q) > 0.0 else Q[:, [1, 0, 2]]

@@ -1,4 +1,4 @@
-"""Robots that no file names: arms and bipeds with drawn lengths, masses, axes and limits, as URDF."""
+"""Robots outside the catalogue: arms and bipeds with drawn lengths, masses, axes and limits, as URDF."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Writer:
-    """Links and joints of a file, one after the other."""
+    """Writer of links and joints to a file, in order."""
 
     def __init__(self, rng: Generator, name: str) -> None:
         self.rng, self.root = rng, ET.Element("robot", name=name)
@@ -71,7 +71,7 @@ class Writer:
     def chain(
         self, prefix: str, parent: str, at: Vec, axes: str, lengths: Vec, masses: Vec, starts: Vec, effort: float
     ) -> str:
-        """A limb along z: one joint an axis letter, each link as long as ``lengths`` says (negative: down)."""
+        """A limb along z: one joint per axis letter, link lengths from ``lengths`` (negative: down)."""
         place = np.asarray(at, dtype=float)
         for i, (letter, length, mass, start) in enumerate(zip(axes, lengths, masses, starts, strict=True)):
             name = f"{prefix}_{i}"

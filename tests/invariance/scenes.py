@@ -1,4 +1,4 @@
-"""Closed loops of stacks of every level on any robot, in a world that may be turned and moved."""
+"""Closed loops of stacks of every level on any robot, in a world that may be rotated and moved."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from hqp.tasks import (
 KINDS = ("velocity", "acceleration", "torque")
 FORMULATIONS = {"velocity": hqp.Velocity, "acceleration": hqp.Acceleration, "torque": hqp.Torque}
 REACHES = {"within": 0.05, "edge": 0.35, "beyond": 1.2}
-"""How far the tool is sent [m], in lengths of an arm of about 0.6 m."""
+"""Displacement of the tool [m], for an arm of about 0.6 m."""
 
 load = cache(hqp.robots.load)
 
@@ -58,7 +58,7 @@ class World:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot that moves its tool and its CoM from where it stands.
+    """A robot that moves its tool and its CoM from its start.
 
     flat: frames of soles; points: frames of point feet.  reach: offset of the tool [m].  unit: model's lengths per
     metre.  tool_turn: rotation of the tool's frame in its link that the task undoes.  mirror: reflect targets in y = 0.
@@ -114,7 +114,7 @@ class Scene:
 
     @property
     def first(self) -> Vec:
-        """The configuration that the loop begins at, in this world."""
+        """First configuration of the loop, in this world."""
         q = (self.robot.home if self.start is None else self.start).copy()
         if self.floating:
             q[:7] = pin.SE3ToXYZQUAT(self.world.placement * pin.XYZQUATToSE3(q[:7]))
@@ -145,7 +145,7 @@ class Scene:
             yield tuple(given)
 
     def run(self, *, state: Callable[[Vec, Vec], tuple[Vec, Vec]] = lambda q, v: (q, v)) -> Run:
-        """The commands of a closed loop that carries every answer out; state: what the session is given of (q, v)."""
+        """Commands of a closed loop that executes every answer; state: measurement of (q, v) for the session."""
         session = self.controller().session(self.robot, self.dt)
         q, v = self.first, np.zeros(self.robot.nv)
         commands, statuses, speeds = [], [], []

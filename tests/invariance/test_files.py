@@ -1,4 +1,4 @@
-"""One robot described in other words is the same robot: names, order, frames, units, reflection, format."""
+"""Equivalent descriptions give one robot: names, order, frames, units, reflection, format."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tests.invariance.described import draw, rotation
 from tests.invariance.scenes import KINDS, off
 
 EXACT = 1e-8
-"""Of the largest command: the same numbers in another order."""
+"""Tolerance relative to the largest command: equal numbers in another order."""
 
 DIGITS = 1e-3
-"""Of the largest command, for a file of six digits."""
+"""Tolerance relative to the largest command, for a file with six digits."""
 
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 24))]
 pytestmark = [pytest.mark.parametrize("kind", KINDS), pytest.mark.parametrize("seed", SEEDS)]
@@ -43,7 +43,7 @@ def test_a_turned_tool_frame_with_its_task_turned_back(kind: str, seed: int, tmp
 
 
 def test_soles_turned_about_their_normals(kind: str, seed: int, tmp_path: Path) -> None:
-    """By quarters: the friction pyramid, whose facets follow the frame, is the same."""
+    """By quarters: the friction pyramid, whose facets follow the frame, is unchanged."""
     who, rng = draw(kind, seed)
     root = who.root
     for sole in who.flat:
@@ -59,7 +59,7 @@ def test_units_of_length_and_mass_scale_the_command(kind: str, seed: int, tmp_pa
     mass = float(rng.choice([0.1, 1.0, 10.0])) / (length if length > 100.0 else 1.0)
     scene = who.scene(who.robot(tmp_path), kind, rng)
     if scene.price is None and kind != "torque" and scene.reach > 0.1:
-        scene = scene.but(price=0)  # the price weighs a level's unit against motion
+        scene = scene.but(price=0)  # the price weights a level's unit against motion
     bounds = hqp.StateBounds(distance=1e4 * max(length, 1.0), speed=1e3 * max(length, 1.0))
     other = who.robot(tmp_path, urdf.in_units(who.root, length, mass), length=length)
     there = scene.but(robot=other, unit=length, options={"bounds": bounds})
@@ -98,7 +98,7 @@ def test_the_order_of_what_holds_at_once(kind: str, seed: int, tmp_path: Path) -
     scene = who.scene(who.robot(tmp_path), kind, rng)
 
     def shuffled(held: list[Element]) -> list[Element]:
-        """Contacts before what refers to them."""
+        """Contacts before their dependents."""
         first = [e for e in held if not hasattr(e, "contact")]
         last = [e for e in held if hasattr(e, "contact")]
         return [part[i] for part in (first, last) for i in np.random.default_rng(seed).permutation(len(part))]

@@ -32,7 +32,7 @@ def test_files_and_batches_give_the_bits_of_python(kind: str, seed: int, tmp_pat
     q, v = scene.first, np.zeros(scene.robot.nv)
     for i, references in enumerate(scene.references()):
         tick = session.step(scene.robot.state(q, v), *references)
-        if i == 0:  # hold values are Pinocchio's here, the file's own there
+        if i == 0:  # hold values come from Pinocchio here, from the file there
             for name, value in session.hold_values.items():
                 if name in file.names:
                     file.hold(name, value)
@@ -53,7 +53,7 @@ def test_readable_elements_give_the_command_of_native_ones(kind: str, seed: int)
 
 
 def readable(stack: hqp.Stack) -> hqp.Stack:
-    """The same stack of elements without a native plan."""
+    """The stack with elements without a native plan."""
     made: dict[type, type] = {}
 
     def plain(element: hqp.Element) -> hqp.Element:

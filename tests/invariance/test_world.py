@@ -1,4 +1,4 @@
-"""Turning and moving the world turns and moves the answer: joint commands stay."""
+"""Rotation and translation of the world rotate and move the answer: joint commands stay."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import hqp
 from tests.invariance.scenes import KINDS, World, catalogue, off
 
 TOLERANCE = 1e-6
-"""Of the largest command; positions of 1 km carry rounding of 1e-13 m, amplified by gains and stiff rows."""
+"""Tolerance relative to the largest command; positions of 1 km have a rounding of 1e-13 m, amplified by gains and stiff
+rows."""
 
 
 def check(kind: str, seed: int) -> None:

@@ -1,7 +1,7 @@
 """URDF files rewritten: joints renamed and reordered, mirrored, in other units, with frames turned.
 
-Every function takes and returns the root element of a file without shapes.  The laws of mechanics say what becomes of
-the numbers, so that the robot moves as before.
+Every function takes and returns the root element of a file without shapes.  Mechanics determine the new numbers, so
+that the robot moves as before.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Problem sets: what is written comes back, and qpbenchmark reads the levels as quadratic programmes."""
+"""Problem sets: read after write, and qpbenchmark reads the levels as quadratic programmes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scenes of teleoperation: what is measured, what rivals are given, and what hqp does in them."""
+"""Scenes of teleoperation: measurements, inputs of rivals, and behaviour of hqp."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_measures_of_motions_that_are_known() -> None:
 
 
 def test_what_others_are_given(robot: Any) -> None:
-    """Packets at 72 Hz, held in between; smoothed they are 60 ms behind."""
+    """Packets at 72 Hz, held in between; smoothing delays them by 60 ms."""
     one = family("sine", robot, STACK)
     rows = latest(one, 5.0, DT)
     assert len(np.unique(rows[1000:2000], axis=0)) == pytest.approx(2.0 * RATE, abs=1)
@@ -82,7 +82,7 @@ def test_no_tick_is_frozen(robot: Any, name: str) -> None:
 
 
 def test_rivals_run_with_and_without_a_filter(robot: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that stands still, and one that refuses a scene."""
+    """One rival that stands still, and one that refuses a scene."""
 
     def answers(name: str, python: Path, folder: Path, scenes: Any) -> Any:
         assert (folder / "job.json").exists()

@@ -1,4 +1,4 @@
-"""A session that is told what the robot is sent now goes on from there; one that is not drops no robot."""
+"""A session with the robot's present command continues from it; without it, no robot drops."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def tool(robot: Any) -> str:
 
 
 def session(name: str, kind: str, rates: RateLimits | None = RATES, **more: Any) -> hqp.Session:
-    """A hand, a posture and the feet of a robot."""
+    """Session with a hand, a posture and the feet of a robot."""
     robot = hqp.robots.load(name)
     frame = tool(robot)
     feet = [t.FixedContact(frame=sole) for sole in robot.landmarks.get("soles", ())]
@@ -48,7 +48,7 @@ def session(name: str, kind: str, rates: RateLimits | None = RATES, **more: Any)
 
 
 def standing(name: str) -> Vec:
-    """A posture with bent joints, so that gravity pulls at all of them; home for a robot on feet or with fingers."""
+    """A posture with bent joints, so that gravity loads all of them; home for a robot with feet or fingers."""
     robot = hqp.robots.load(name)
     if robot.floating or robot.couplings:
         return robot.home.copy()
@@ -57,7 +57,7 @@ def standing(name: str) -> Vec:
 
 
 def holding(robot: Any, q: Vec) -> Vec:
-    """The torque that gravity asks of the motors of a fixed base, by Pinocchio."""
+    """Gravity torque of the motors of a fixed base, by Pinocchio."""
     gravity: Vec = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q)
     held: Vec = gravity[robot.actuated]
     return held
@@ -98,7 +98,7 @@ def first_torques(name: str, q: Vec) -> Vec:
 
 
 def fallen(run: hqp.Session, q: Vec, ticks: int) -> float:
-    """How far the hand comes from where it was [m]."""
+    """Largest displacement of the hand [m]."""
     physics, robot = Physics(run.robot, q), run.robot
     frame, far = run.stack.find("hand").frame, 0.0  # type: ignore[attr-defined]
     start = robot.state(q).position(frame).copy()
@@ -176,9 +176,9 @@ def test_the_window_of_acceleration_stands_around_what_is_sent_now() -> None:
         robot, q = run.robot, standing(name)
         v = np.zeros(robot.nv)
         if not robot.floating:
-            v[robot.actuated] = 0.2  # a base of feet that stand does not move
+            v[robot.actuated] = 0.2  # a base with standing feet does not move
         run.begin(command=v[robot.actuated], state=robot.state(q, v))
-        tick = run.step(robot.state(q))  # an encoder that does not tell speeds
+        tick = run.step(robot.state(q))  # an encoder without speeds
         most = next(e.acceleration or 0.0 for e in run.stack if isinstance(e, t.JointLimits)) * DT
         assert np.abs(tick.command - v[robot.actuated]).max() <= most * (1.0 + 1e-6), name
 

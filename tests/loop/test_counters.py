@@ -1,4 +1,4 @@
-"""Counters of a session against what its own ticks say, in Python, from a file and in a batch; its heartbeat."""
+"""Counters of a session against its own ticks, in Python, from a file and in a batch; its heartbeat."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def session(**fields: Any) -> hqp.Session:
 
 
 def sums(ticks: list[hqp.Tick]) -> dict[str, int]:
-    """The same numbers from the ticks alone."""
+    """Counts from the ticks alone."""
     return {
         "ticks": len(ticks),
         "cut": sum(tick.status.cut for tick in ticks),

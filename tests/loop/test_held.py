@@ -1,4 +1,4 @@
-"""A task that comes no nearer to its target for a second is noted, with the rows that hold it."""
+"""Note a task that comes no nearer to its target for a second, with the rows that block it."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_goal_out_of_reach_has_one_note(arms: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_a_hand_that_moves_on_says_nothing(arms: dict[str, Any], kind: str) -> None:
-    """Reachable goals, slow laws, and a wall that goes away: the note goes with what held."""
+    """Reachable goals, slow laws, and a wall that disappears: the note ends with its cause."""
     robot, frame = arms["panda"], "panda_hand"
     start = robot.state().position(frame).copy()
     slow = P(2.0, max_velocity=0.02) if kind == "velocity" else PD(40.0, max_velocity=0.02)

@@ -1,4 +1,4 @@
-"""Small motions of a made-up person, z up [m]."""
+"""Small motions of a synthetic person, z up [m]."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def stand(seconds: float = 1.0, heading: float = 0.0, fps: float = FPS) -> Motio
 
 
 def crouch(seconds: float = 1.5, fps: float = FPS) -> Motion:
-    """From standing down onto flat feet until the hands are at the shins, knees and trunk bent."""
+    """From standing to a squat on flat feet until the hands are at the shins, knees and trunk bent."""
     motion = stand(seconds, fps=fps)
     places = motion.positions.copy()
     at = {name: i for i, name in enumerate(NAMES)}
@@ -67,7 +67,7 @@ def _person(t: float, speed: float) -> Any:
 
 
 def _foot(t: float, begin: float, speed: float) -> tuple[float, float]:
-    """How far forward and how high a foot is that swings for half a second of every second."""
+    """Forward position and height of a foot that swings for half a second of every second."""
     cycle, phase = divmod(t - begin, 1.0)
     stride = speed * 1.0
     first = stride * (cycle - 0.25) + speed * (begin + 0.5) if speed else 0.0
@@ -89,13 +89,13 @@ def _bend(hip: Any, foot: Any, thigh: float, shank: float) -> Any:
 
 
 def write_npz(path: Path, motion: Motion) -> Path:
-    """As ``read_motion`` reads it."""
+    """Write a motion for ``read_motion``."""
     np.savez(path, positions=motion.positions, names=np.array(motion.names), fps=motion.fps)
     return path
 
 
 def write_bvh(path: Path, motion: Motion, scale: float = 100.0) -> Path:
-    """A BVH file, y up, whose joints all have position channels and do not turn."""
+    """A BVH file, y up, with position channels and no rotation at every joint."""
     children = {i: [k for k, p in enumerate(motion.parents) if p == i] for i in range(len(motion.names))}
     order: list[int] = []
 

@@ -1,4 +1,4 @@
-"""Files of a made-up person are read as that person, however they name, turn, scale and time it."""
+"""Files of a synthetic person are read correctly with any names, rotations, scales and times."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _written(path: Path, kind: str, motion: Motion, rng: np.random.Generator) ->
 
 
 def _alike(read: Motion, motion: Motion, scale: float) -> None:
-    """The same motion but for a turn about the vertical: heights, and places from above up to a proper rotation."""
+    """Compare two motions up to a turn about the vertical: heights, and horizontal places up to a proper rotation."""
     one, two = read.positions / scale, motion.positions
     np.testing.assert_allclose(one[..., 2], two[..., 2], atol=1e-5)
     flat, other = (x[..., :2].reshape(-1, 2) for x in (one, two))
@@ -106,7 +106,7 @@ def test_damaged_files_end_in_one_sentence(tmp_path: Path, kind: str) -> None:
 
 
 def test_names_of_chains_ends(tmp_path: Path) -> None:
-    """A foot whose toe is the end of its chain, as Blender writes it: ``foot.L`` and its end site."""
+    """A foot whose toe is the end of its chain, as in Blender's files: ``foot.L`` and its end site."""
     motion, parts = renamed(stand(0.1), "blender")
     kept = [k for k, name in enumerate(motion.names) if not name.startswith("toe")]
     parents = tuple(kept.index(motion.parents[k]) if motion.parents[k] >= 0 else -1 for k in kept)

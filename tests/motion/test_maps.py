@@ -1,4 +1,4 @@
-"""Skeleton maps: those that ship, suggested ones, and what is wrong with others."""
+"""Skeleton maps: shipped and suggested ones, and errors of others."""
 
 from __future__ import annotations
 

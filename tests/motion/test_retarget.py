@@ -1,4 +1,4 @@
-"""A person's motion on robots: standing feet stand, floor and limits are kept, the same motion gives the same bits."""
+"""A person's motion on robots: standing feet stand, floor and limits are kept, equal motions give equal bits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .people import FPS, crouch, stand, walk, write_npz
 
 @pytest.fixture(scope="module")
 def g1() -> hqp.robots.Robot:
-    """One for many motions: its meshes are read once."""
+    """One robot for many motions: its meshes are read once."""
     return hqp.robots.load("g1")
 
 
@@ -51,7 +51,7 @@ def test_a_walk(walked: Retargeted) -> None:
 
 
 def test_a_walk_without_toes_that_is_mirrored(g1: hqp.robots.Robot) -> None:
-    """Estimates of 17 joints end at the ankles; the report begins with what is odd about the person."""
+    """Estimates of 17 joints end at the ankles; the report begins with the person's oddities."""
     found = retarget(renamed(mirrored(walk(1.2)), "estimate")[0], g1)
     assert found.summary["slide_share"] < 0.005
     assert found.q[-1, 0] - found.q[0, 0] > 0.7 * 0.8 * 1.2 * found.scale
@@ -73,7 +73,7 @@ def _is_sound(found: Retargeted) -> None:
 def test_joints_are_no_quicker_than_a_persons(
     walked: Retargeted, monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot
 ) -> None:
-    """The last pass: a knee that is nearly straight and a foot that comes down do not jerk."""
+    """In the last pass, a nearly straight knee and a landing foot do not jerk."""
     monkeypatch.setattr(retargeting, "smoothed", lambda tracker, found: found)
     quick = retarget(walk(2.0), g1).summary
     calm = walked.summary
@@ -111,7 +111,7 @@ def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(
 
 @pytest.mark.slow
 def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot() -> None:
-    """CBi's ankles do not bend as far as a person's: its heels come up before its hands stay behind."""
+    """CBi's ankles bend less than a person's: its heels rise before its hands stay behind."""
     found = retarget(crouch(), "cbi")
     robot, feet = found.robot, find_map(None, found.robot).frames
     tilt = [found.measures.errors[f"{side}_sole"].max() for side in ("left", "right")]

@@ -1,9 +1,9 @@
-"""Faults put into the code one at a time: which do the tests see?
+"""Mutation test: put single faults into the code and count those that the tests detect.
 
 `python -m tests.mutation --count 40 --seed 0` draws single faults in Python and C++, builds each in a copy of the tree
 (build/mutation) and runs tests there: fast ones whose words are nearest to the words about the fault, slow ones of the
-nearest two files, all other fast ones.  A fault counts as killed where a test fails or does not end twice with it, and
-passes without it.  Each verdict is written at once: a second call goes on where the first was stopped.
+nearest two files, all other fast ones.  A fault counts as killed if a test fails or does not end twice with it, and
+passes without it.  Each verdict is written at once: a second call continues from there.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ NEAR = 12
 """Lines before and after a fault whose words count as about it."""
 
 FIRST, FITTING = 8, "fitting tests"
-"""Files of tests that are run before all others: to collect all takes longer than most faults live."""
+"""Number of test files that run before all others: collecting all takes longer than most faults live."""
 
 
 def sources() -> list[str]:
-    """Every file that faults are put into; rivals' workers run where no test does."""
+    """Every file for faults; no test runs the workers of rivals."""
     found = (path for part in ("hqp", "tasks", "robots") for path in (ROOT / part).rglob("*.[pch]*"))
     paths = {p.resolve().relative_to(ROOT).as_posix() for p in found if p.suffix in (".py", ".hpp", ".cpp")}
     return sorted(path for path in paths if "rivals/workers" not in path)
 
 
 def words(text: str) -> Counter[str]:
-    """Words of names and of prose, small."""
+    """Words of names and of prose, in lower case."""
     return Counter(word.lower() for word in re.findall(r"[A-Z]?[a-z]{2,}", text))
 
 
 @cache
 def files_of_tests() -> dict[str, Counter[str]]:
-    """The words of every file of tests, and of the C++ that it names."""
+    """Words of every test file, and of the C++ that it names."""
     native = {path.name: path.read_text("utf-8") for path in (ROOT / "tests").rglob("*.cpp")}
     found = {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
@@ -53,9 +53,9 @@ def files_of_tests() -> dict[str, Counter[str]]:
 
 
 def nearest(path: str, text: str, line: int) -> list[str]:
-    """Files of tests, those first that share most words with a place of a source: its lines, its file, its name.
+    """Test files, sorted by shared words with a place of a source: its lines, its file, its name.
 
-    A word that stands in n of N files counts log(N / n); a file's sum is over the root of how many words it has.
+    A word that occurs in n of N files counts log(N / n); a file's sum is divided by the root of its number of words.
     """
     about = Counter(dict.fromkeys(words(text), 1.0))
     about.update(dict.fromkeys(words("\n".join(text.splitlines()[max(0, line - NEAR) : line + NEAR])), 2.0))
@@ -72,9 +72,9 @@ def nearest(path: str, text: str, line: int) -> list[str]:
 
 
 def drawn(count: int, seed: int, only: str) -> list[Fault]:
-    """So many faults, in Python and in C++ by turns, fewer where there are no more.
+    """Draw ``count`` faults, in Python and in C++ in turns, or fewer if there are no more.
 
-    Faults come by a hash of themselves and what stands around them: a change elsewhere leaves the draw as it is.
+    The order is a hash of each fault and its surroundings: a change elsewhere does not alter the draw.
     """
     texts = {path: (ROOT / path).read_text("utf-8") for path in sources() if path.startswith(only)}
 
@@ -91,10 +91,9 @@ def drawn(count: int, seed: int, only: str) -> list[Fault]:
 
 
 def judged(fault: Fault, copy: Tree, seconds: float, fitting: bool, left_out: set[str]) -> str:
-    """What became of a fault: killed by which test, survived, or not compiled.
+    """Verdict on a fault: killed by a named test, survived, or not compiled.
 
-    fitting: whether only the tests that fit are run.  left_out: tests that fail now and then, or without a fault as
-    well; grows.
+    fitting: run only the nearest tests.  left_out: tests that fail at times, or without a fault as well; grows.
     """
     text = (copy.folder / fault.path).read_text("utf-8")
     order = nearest(fault.path, text, text.count("\n", 0, fault.start))
@@ -119,7 +118,7 @@ def judged(fault: Fault, copy: Tree, seconds: float, fitting: bool, left_out: se
 
 
 def main() -> int:
-    """Draw faults, judge each, print a table as it grows; 0."""
+    """Draw faults, judge each, print a table as it grows; return 0."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
     parser.add_argument("--count", type=int, default=40, help="faults (40)")
     parser.add_argument("--seed", type=int, default=0, help="of the draw (0)")
@@ -138,7 +137,7 @@ def main() -> int:
     chosen = drawn(given.count, given.seed, given.only)
     told = [fault.described((ROOT / fault.path).read_text("utf-8")) for fault in chosen]
     for number, (fault, line) in enumerate(zip(chosen, told, strict=True), 1):
-        name = re.sub(r":\d+ ", " ", line, count=1)  # a change elsewhere moves it
+        name = re.sub(r":\d+ ", " ", line, count=1)  # independent of changes elsewhere
         if name not in known and not given.list:
             copy = copy or Tree(FOLDER / "tree")
             known[name] = judged(fault, copy, given.seconds, given.fitting, left_out)

@@ -30,21 +30,21 @@ OPERATORS: dict[str, dict[str, str]] = {
         r"\[0\]": "[1]", r"\[1\]": "[0]", r"\[-1\]": "[0]", r"(?<=\w) \+ 1\]": "]", r"\[1:": "[", r":-1\]": ":]",
     },
 }  # fmt: skip
-"""By name: what is looked for, and what takes its place."""
+"""Searched pattern and its replacement, by name."""
 
 HIDDEN = {
     "py": r"\"\"\".*?\"\"\"|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*'|#[^\n]*",
     "cpp": r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*'|^#[^\n]*|\btemplate <[^\n]*",
 }
-"""Text, comments and what the preprocessor reads."""
+"""Strings, comments and preprocessor lines."""
 
 STATEMENT = r"^ +(?:[\w.:>()-]|\[[^\]\n]*\])+(?: (?:[-+*/]?=) [^\n]*|\([^\n]*\));$"
-"""A line of C++ that is a call or an assignment, and no declaration."""
+"""A line of C++ with a call or an assignment, without a declaration."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of one place in a file."""
+    """Change of one place in a file."""
 
     path: str
     operator: str
@@ -53,18 +53,18 @@ class Fault:
     new: str
 
     def put_into(self, text: str) -> str:
-        """The text with the fault."""
+        """Return the text with the fault."""
         return text[: self.start] + self.new + text[self.stop :]
 
     def described(self, text: str) -> str:
-        """Its line, before and after."""
+        """Line of the fault, before and after."""
         number = text.count("\n", 0, self.start)
         before, after = (lines.splitlines()[number].strip() for lines in (text, self.put_into(text)))
         return f"{self.path}:{number + 1} {self.operator}: {before} -> {after or 'nothing'}"
 
 
 def faults(path: str, text: str) -> list[Fault]:
-    """Every fault of a source of Python or C++; some change nothing (``changes``), of C++ some do not compile."""
+    """Every fault of a Python or C++ source; some change nothing (``changes``), some in C++ do not compile."""
     python = path.endswith(".py")
     hidden = HIDDEN["py" if python else "cpp"]
     code = re.sub(hidden, lambda m: re.sub(r"[^\n]", "~", m[0]), text, flags=re.DOTALL | re.MULTILINE)
@@ -80,12 +80,12 @@ def faults(path: str, text: str) -> list[Fault]:
 
 
 def changes(fault: Fault, text: str) -> bool:
-    """Whether a source still reads as Python with the fault, and says something else; of C++ a compiler tells."""
+    """Return true if a faulty source still parses as Python with another meaning; for C++ the compiler decides."""
     return not fault.path.endswith(".py") or _meaning(fault.put_into(text)) not in ("", _meaning(text))
 
 
 def _dropped(path: str, text: str) -> Iterator[Fault]:
-    """Calls and assignments left out, each of one line within a function."""
+    """Drop calls and assignments, each of one line within a function."""
     starts = [0, *(match.end() for match in re.finditer("\n", text))]
     functions = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef))
     nodes = {node for function in functions for node in ast.walk(function) if isinstance(node, ast.stmt)}
@@ -99,7 +99,7 @@ def _dropped(path: str, text: str) -> Iterator[Fault]:
 
 
 def _meaning(text: str) -> str:
-    """The syntax tree of a text in words; "" where it is no Python."""
+    """Syntax tree of a text as a string; "" for invalid Python."""
     try:
         return ast.dump(ast.parse(text))
     except SyntaxError:

@@ -1,4 +1,4 @@
-"""A copy of the project to put faults into: its own folder, its own builds, the packages of this environment."""
+"""Copy of the project for faults: its own folder, its own builds, the packages of this environment."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 TOOLS = ("nanobind>=2.7", "scikit-build-core>=0.11", "cmake", "ninja")
 LEFT_OUT = ("tests/mutation", "tests/browser", "tests/docs", "tests/architecture")
-"""Tests that say nothing of a fault: of this script, of a browser, of words and files."""
+"""Tests without information on a fault: tests of this script, of a browser, of words and files."""
 ALONE = {
     "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HQP_REQUIRE_NATIVE": "1", "PYTHONDONTWRITEBYTECODE": "1",
     "CMAKE_ARGS": "-DHQP_QUICK=ON",
@@ -26,7 +26,7 @@ ALONE = {
 class Tree:
     """Files of the project under ``folder``, native parts built, importable by ``python`` alone.
 
-    A folder that is there is used again: what differs is copied, and what was built is kept.
+    An existing folder is used again: changed files are copied, and builds are kept.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -38,7 +38,7 @@ class Tree:
         if new:
             subprocess.run([sys.executable, "-m", "venv", str(folder / ".venv")], check=True)
         self.packages = next((folder / ".venv" / "lib").glob("python*/site-packages"))
-        installed = [path for path in sys.path if "site-packages" in path]  # but for the project, which a hook finds
+        installed = [path for path in sys.path if "site-packages" in path]  # without the project, which a hook finds
         (self.packages / "installed.pth").write_text("\n".join(installed), encoding="utf-8")
         pip = [str(self.python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
         project = ["--no-deps", "--no-build-isolation", "--editable", str(folder)]
@@ -50,7 +50,7 @@ class Tree:
 
     @contextmanager
     def fault(self, path: str, text: str) -> Iterator[bool]:
-        """The file with another text, for a while; whether it could be built."""
+        """Replace the file's text for a while; yield true if it could be built."""
         there, native = self.folder / path, not path.endswith(".py")
         original = there.read_text("utf-8")
         try:
@@ -67,7 +67,7 @@ class Tree:
 
     def _run(self, command: Sequence[str], check: bool = False) -> bool:
         tools = self.python.parent, Path(sys.executable).parent, os.environ.get("PATH", "")
-        kept = {"CMAKE_CXX_COMPILER_LAUNCHER": "ccache"} if shutil.which("ccache") else {}  # a fault is undone at once
+        kept = {"CMAKE_CXX_COMPILER_LAUNCHER": "ccache"} if shutil.which("ccache") else {}  # every fault is undone soon
         environment = {**kept, **os.environ, **ALONE, "PATH": os.pathsep.join(map(str, tools))}
         return not subprocess.run(command, env=environment, check=check, stdout=subprocess.DEVNULL,
                                   stderr=None if check else subprocess.DEVNULL).returncode  # fmt: skip
@@ -80,12 +80,12 @@ class Tree:
             here.symlink_to(os.readlink(there))
         elif there.exists() and not (here.exists() and here.read_bytes() == there.read_bytes()):
             here.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(there, here)  # the time of its change is that of the copy: it is built again
+            shutil.copy(there, here)  # a new time of change: it is built again
 
     def failed(self, tests: Sequence[str], seconds: float, marked: str, but: Iterable[str] = ()) -> tuple[str, str]:
-        """The first of these tests that fails and how, ("", "") where all pass.
+        """First failing test and the kind of failure, ("", "") if all pass.
 
-        seconds: of CPU, at most; the test that runs then is told as ("...", "out of time").
+        seconds: limit of CPU time; the test that exceeds it is returned as ("...", "out of time").
         """
         left_out = [f"--ignore={path}" for path in LEFT_OUT] + [f"--deselect={test}" for test in but]
         options = ["-x", "-v", "--tb=no", "--no-header", "-p", "no:cacheprovider", "-m", marked, *left_out]
@@ -96,14 +96,14 @@ class Tree:
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, limit),
         )  # fmt: skip
         try:
-            told, _ = run.communicate(timeout=60 + 20 * seconds)  # it may wait, and compute nothing
+            told, _ = run.communicate(timeout=60 + 20 * seconds)  # it may wait without computing
         except subprocess.TimeoutExpired:
             told = ""
         finally:
             if run.poll() is None:
                 os.killpg(run.pid, signal.SIGKILL)
                 told, _ = run.communicate()
-        if run.returncode in (0, 5):  # 5: no test of these is left
+        if run.returncode in (0, 5):  # 5: none of these tests is left
             return "", ""
         first = re.search(r"^(tests/\S+?::.+?) (?:FAILED|ERROR)|^ERROR (tests/\S+)", told, re.MULTILINE)
         if first:

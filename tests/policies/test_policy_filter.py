@@ -1,4 +1,4 @@
-"""A policy's command passes unchanged where nothing binds, and never past a limit: drawn and hostile commands."""
+"""A policy's command passes unchanged unless a limit binds, and never past a limit: drawn and hostile commands."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def declared(kind: str, robot: Robot, apart: bool = False) -> PolicyFilter:
 
 
 class Plant:
-    """Joints that move alone, each by its servo and its inertia at home; the base stands still."""
+    """Joints that move alone, each by its servo and its inertia at home; the base is fixed."""
 
     def __init__(self, robot: Robot, kind: str, session: Any) -> None:
         self.robot, self.kind = robot, kind
@@ -91,7 +91,7 @@ def test_what_breaks_no_limit_passes_to_the_bit(name: str, kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["g1", "ur5", "anymal"])
 def test_no_command_passes_a_limit(name: str, kind: str) -> None:
-    """Positions, speeds and torques of what moves, after each of many hostile ticks; plain arithmetic judges."""
+    """Check positions, speeds and torques of moving joints after each of many hostile ticks, by plain arithmetic."""
     robot, rng = load(name), np.random.default_rng(1)
     session = declared(kind, robot).session(robot, DT, deadline=math.inf)
     plant, own, limited = Plant(robot, kind, session), robot.actuated, 0

@@ -1,4 +1,4 @@
-"""Sweeps on Ray: the same rows as in one process, and a worker that is killed costs nothing.
+"""Sweeps on Ray: rows as in one process, also if a worker is killed.
 
 Starts a Ray cluster of two workers on this machine, some ten seconds each, and one of two nodes: `make test-sweeps`.
 """
@@ -54,8 +54,8 @@ def test_a_killed_worker_s_cases_run_again(tmp_path: Path) -> None:
     marks = tmp_path / "marks"
     marks.mkdir()
     done = sweep.run(cases(folder=str(marks), kill_at=20), tmp_path / "out", on="local", jobs=2, show=False)
-    assert done == sweep.Summary(cases=40, found=0, ran=40, failed=1)  # the one that refuses 7
-    assert len((marks / "call-20").read_text()) == 2  # killed once, done the second time
+    assert done == sweep.Summary(cases=40, found=0, ran=40, failed=1)  # the failed case raised at 7
+    assert len((marks / "call-20").read_text()) == 2  # killed once, done in the second attempt
     rows = {r["case.x"]: r for r in sweep.read(tmp_path / "out").to_pylist()}
     assert rows[20]["result.square"] == 400.0
 
@@ -74,7 +74,7 @@ def test_a_case_that_kills_every_worker_is_a_row(tmp_path: Path) -> None:
 
 @pytest.fixture
 def two_nodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """The address of a cluster of two nodes on this machine, of a processor each, by the two commands of the page."""
+    """Address of a cluster of two nodes on this machine with a processor each, by the page's two commands."""
     monkeypatch.setenv("RAY_AUTH_MODE", "token")
     monkeypatch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(24))
     ray = str(Path(sys.executable).with_name("ray"))
@@ -124,5 +124,5 @@ def test_a_cluster_of_two_nodes(two_nodes: str, tmp_path: Path) -> None:
     rows = sweep.read(tmp_path / "out").to_pylist()
     assert sorted(row["case.x"] for row in rows) == list(range(40))
     assert [row["case.x"] for row in rows if not row["ok"]] == [7]
-    assert len((marks / "call-20").read_text()) >= 2  # its batch again, which may be tried more than once
+    assert len((marks / "call-20").read_text()) >= 2  # its batch runs again, possibly more than once
     assert len({row["host"] for row in rows}) == 2  # both nodes worked

@@ -1,4 +1,4 @@
-"""Sweeps in one process: cases, keys, resuming, exceptions as rows, parts that are whole or not there."""
+"""Sweeps in one process: cases, keys, resuming, exceptions as rows, parts that are whole or missing."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def test_an_interrupted_run_keeps_whole_parts_only(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(store, "EVERY_ROWS", 3)
     path = toml(tmp_path)
     kept = store.Store(tmp_path / "out")
-    kept.add([{"key": f"k{i}", "ok": True, "result.a": i} for i in range(4)])  # and no more: killed
-    (tmp_path / "out" / ".part-1-x.parquet.99").write_bytes(b"half of a par")  # what a crash while writing leaves
+    kept.add([{"key": f"k{i}", "ok": True, "result.a": i} for i in range(4)])  # killed before the rest
+    (tmp_path / "out" / ".part-1-x.parquet.99").write_bytes(b"half of a par")  # left by a crash while writing
     assert sweep.read(tmp_path / "out").num_rows == 4
     assert run(path).ran == 9
 
@@ -102,7 +102,7 @@ def test_many_parts_are_merged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_two_programs_merge_the_parts_of_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the one has listed, the other has merged and removed before it is read, or removed itself."""
+    """One program has listed a part that the other merges and removes before it is read, or removes the part itself."""
     from hqp.sweep import store
 
     run(toml(tmp_path))
@@ -201,4 +201,4 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(options) == 2
     assert "already has results" in capsys.readouterr().err
     assert main([*options, "--resume"]) == 0
-    assert main([*options[:-4], "--resume", "--trust", "--on", "the moon"]) == 0  # nothing is missing: nobody is asked
+    assert main([*options[:-4], "--resume", "--trust", "--on", "the moon"]) == 0  # nothing is missing: no connection

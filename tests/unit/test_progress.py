@@ -1,4 +1,4 @@
-"""Progress of long work: what is written, when, and how good the estimate is."""
+"""Progress of long work: printed text, times of printing, quality of the estimate."""
 
 from __future__ import annotations
 
