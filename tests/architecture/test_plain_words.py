@@ -29,7 +29,6 @@ SPARE = 5
 """Sentences above the ceiling that a room may have: rooms are small."""
 
 CEILINGS = {
-    "CHANGELOG.md": (30, 55, 15, 55),
     "hqp/cpp/priced": (70, 25, 25, 10),
     "hqp/cpp/session": (65, 55, 45, 20),
     "hqp/loop": (195, 150, 45, 60),
