@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack
+from hqp.declare.element import Element
 from hqp.declare.robot import Robot
 from hqp.errors import ModelWarning
-from hqp.tasks import Com, EdgeContact, FixedContact, JointLimits, PointContact, Posture
+from hqp.tasks import Ball, Com, EdgeContact, FixedContact, Hinge, JointLimits, PointContact, Posture, Weld
+from tests.scenes import mechanisms
 
 
 def biped(folder: Path, ankles: tuple[str, ...]) -> Robot:
@@ -40,7 +43,7 @@ def biped(folder: Path, ankles: tuple[str, ...]) -> Robot:
     return hqp.robots.load(path)
 
 
-def session(robot: Robot, *contacts: object) -> tuple[hqp.Session, list[str]]:
+def session(robot: Robot, *contacts: Element) -> tuple[hqp.Session, list[str]]:
     com = Com(axes="xyz", law=P(10.0))
     stack = Stack(Level(com, name="com"), Level(Posture(), name="posture"), subject_to=[*contacts, JointLimits()])
     with warnings.catch_warnings(record=True) as told:
@@ -79,7 +82,7 @@ def test_flat_feet_on_legs_of_five_joints_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("other", [EdgeContact(frame="right_foot", axis="x"), PointContact(frame="right_foot")])
-def test_what_the_text_names_is_a_cure(tmp_path: Path, other: object) -> None:
+def test_what_the_text_names_is_a_cure(tmp_path: Path, other: Element) -> None:
     run, told = session(biped(tmp_path, ("0 1 0",)), FLAT[0], other)
     assert not told
     assert reversals(run) < 10.0
@@ -118,3 +121,76 @@ def test_contacts_that_depend_on_each_other_everywhere_are_not_told() -> None:
     robot = hqp.robots.load("quadruped")
     feet = [frame for frame in robot.frame_names if "FOOT" in frame.upper()] or list(robot.frame_names)[-4:]
     assert not session(robot, *(PointContact(frame=frame) for frame in feet))[1]
+
+
+def parallelogram(folder: Path, bend: float, axis: str) -> Robot:
+    """Crank 0.2 m, coupler 0.4 m and rocker 0.2 m about an axis across x, the crank bent at home by an angle [rad]."""
+
+    def rod(name: str, length: float) -> str:
+        return f'<joint name="{name}" axis="{axis}"/><geom type="capsule" size="0.02" fromto="0 0 0 {length} 0 0"/>'
+
+    coupler = f'<body name="coupler" pos=".2 0 0">{rod("coupler", 0.4)}<site name="end" pos=".4 0 0"/></body>'
+    bars = f"<body>{rod('crank', 0.2)}{coupler}</body>"
+    bars += f'<body pos=".4 0 0">{rod("rocker", 0.2)}<site name="bearing" pos=".2 0 0"/></body>'
+    path = folder / "bars.xml"
+    path.write_text(
+        f'<mujoco><compiler angle="radian"/><worldbody>{bars}</worldbody>'
+        f'<keyframe><key name="home" qpos="{bend} {-bend} {bend}"/></keyframe></mujoco>'
+    )
+    return hqp.robots.load(path)
+
+
+def warned(robot: Robot, *closures: Element) -> str:
+    lead = Posture(joints=[robot.joint_names[0]], law=P(5.0), name="lead")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        hqp.Controller(Stack(Level(lead), subject_to=[*closures])).session(robot, 0.002)
+    return " ".join(str(one.message) for one in told if issubclass(one.category, ModelWarning))
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.4, -1.0, 2.5])
+@pytest.mark.parametrize("axis", ["0 1 0", "0 0.6 0.8"])
+def test_a_weld_that_locks_a_loop_is_reported_with_its_cure(bend: float, axis: str, tmp_path: Path) -> None:
+    """The text names the bearing's axis, and the closures that it names move and are not reported."""
+    robot = parallelogram(tmp_path, bend, axis)
+    text = warned(robot, Weld(frame="end", relative_to="bearing", name="loop"))
+    assert text.startswith("loop: ")
+    assert "Ball(frame='end', relative_to='bearing')" in text
+    found = re.search(r"Hinge\(frame='end', relative_to='bearing', axis=\((.*?)\)\)", text)
+    assert found is not None
+    x, y, z = (float(number) for number in found[1].split(","))
+    np.testing.assert_allclose((x, y, z), [float(number) for number in axis.split()], atol=1e-6)
+    if bend:
+        assert not warned(robot, Hinge(frame="end", relative_to="bearing", axis=(x, y, z)))
+        assert not warned(robot, Ball(frame="end", relative_to="bearing"))
+
+
+def test_a_hinge_across_the_bearing_is_reported(tmp_path: Path) -> None:
+    text = warned(parallelogram(tmp_path, 0.4, "0 1 0"), Hinge(frame="end", relative_to="bearing", axis="x", name="h"))
+    assert text.startswith("h: holds all motion of crank, coupler, rocker")
+    assert "instead of the Hinge: the loop then has 1 motion" in text
+
+
+@pytest.mark.parametrize("kind", mechanisms.KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_welds_of_drawn_mechanisms_are_reported(kind: str, seed: int, tmp_path: Path) -> None:
+    """Points that MuJoCo connects let the mechanism move, welds in their place lock it."""
+    text = mechanisms.draw(np.random.default_rng(seed), kind)
+    for welded in (False, True):
+        path = tmp_path / f"{welded}.xml"
+        path.write_text(re.sub(r'<connect (.*?) anchor=".*?"/>', r"<weld \1/>", text) if welded else text)
+        told = warned(hqp.robots.load(path))
+        assert ("instead of the Weld" in told) == welded, told
+
+
+def test_closures_that_leave_motion_are_not_reported(tmp_path: Path) -> None:
+    """An object in two hands, and a body that a weld fixes in the world."""
+    talos = hqp.robots.load("talos")
+    assert not warned(talos, Weld(frame="gripper_left_base_link", relative_to="gripper_right_base_link"))
+    path = tmp_path / "free.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="box"><freejoint/><geom size=".1"/><body pos=".3 0 0"><joint name="j"/>'
+        '<geom size=".1" pos=".1 0 0"/></body></body></worldbody><equality><weld body1="box" body2="world"/></equality>'
+        '<actuator><motor joint="j"/></actuator></mujoco>'
+    )
+    assert not warned(hqp.robots.load(path))
