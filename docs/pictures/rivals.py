@@ -45,7 +45,7 @@ def shown(told: dict[str, Any]) -> str:
 def _answer(line: dict[str, Any]) -> str:
     if line["failed"]:
         return f"no answer in {100 * line['failed'] / line['ticks']:.0f} % of ticks"
-    return f"answers, says {line['said']}" if line["said"] else "answers, says nothing"
+    return f"answers, reports {line['said']}" if line["said"] else "answers, no report"
 
 
 def _back(line: dict[str, Any]) -> str:
