@@ -1,4 +1,4 @@
-"""Capsules as TOML files: those that ship in ``robots/capsules``, found by the surface of a link, and users' own."""
+"""Capsules as TOML files: shipped ones in ``robots/capsules``, found by the surface of a link, and users' own."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from .surface import Surface, sphere, surface
 NEAR, SHARE = 0.01, 0.1
 """Points of the capsules are on average at most NEAR [m], or SHARE of the link's size, off the link's convex hull."""
 TIGHT = 0.8
-"""Share of that which the fit asks for, so that other points on the same capsules keep it as well."""
+"""Share of these bounds that the fit must reach, so that other points on the capsules keep them as well."""
 MOST = 16
 """Most capsules of a link."""
 _SKIN = 60
@@ -66,9 +66,9 @@ def fit_surfaces(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsu
 def fit(part: Surface) -> list[Capsule]:
     """Capsules that contain a surface and stay close to its convex hull: ends and radius [m].
 
-    The surface is cut by planes until points of the capsules are as near to the hull as ``TIGHT`` and ``NEAR`` ask, or
-    there are ``MOST`` capsules.  Each piece, cut triangles included, lies in a capsule of its own: a capsule is convex,
-    so it contains a triangle if it contains the corners.
+    The surface is cut by planes until points of the capsules are as near to the hull as ``TIGHT`` and ``NEAR`` require,
+    or there are ``MOST`` capsules.  Each piece, cut triangles included, lies in a capsule of its own: a capsule is
+    convex, so it contains a triangle if it contains the corners.
     """
     room = Room(part)
     pieces = [(part, _fit_one(*_corners(part)))]

@@ -39,13 +39,13 @@ def load(
     """A robot from a catalogue name, a URDF or MJCF file, a robot_descriptions name, a pinocchio.Model or a MjModel.
 
     floating: true for a free base.  None uses the catalogue for a name, the file or model for an MJCF or a model, and
-    for any other URDF a fixed base, unless the file has a floating joint at its root.  rotors:
-    give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an MJCF
-    brings its own); a number [kg m^2] is that of every motor whose file gives none.  srdf: SRDF of a URDF path; None
-    takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become ``robot.configurations``; pairs of links
-    that it disables are left out of ``CollisionAvoidance()``.  root: bodies of an MJCF; the robot is what they carry
-    and are part of.  None takes what actuators move; other moving bodies become ``robot.obstacles``, and a note lists
-    them.  A file is URDF or MJCF by its content, whatever its suffix.  Raises ModelError if no robot has that name
+    for any other URDF a fixed base, unless the file has a floating joint at its root.  rotors: give the model the
+    reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an MJCF brings its own); a
+    number [kg m^2] is that of every motor whose file gives none.  srdf: SRDF of a URDF path; None takes ARM.srdf beside
+    ARM.urdf, if there is one.  Its group states become ``robot.configurations``; pairs of links that it disables are
+    left out of ``CollisionAvoidance()``.  root: bodies of an MJCF; the robot consists of the trees that they carry or
+    belong to.  None takes the actuated trees; other moving bodies become ``robot.obstacles``, and a note lists them.
+    The content of a file decides between URDF and MJCF, not its suffix.  Raises ModelError if no robot has that name
     (with the closest names) or a file cannot be read, DeclarationError for another type, an SRDF without a URDF, a root
     without an MJCF, or a base that differs from the request and cannot be changed.
     """

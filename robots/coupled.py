@@ -1,4 +1,4 @@
-"""Couplings of a robot's file: where they put followers, and the part of a leader's range that a follower allows."""
+"""Couplings of a robot's file: positions of followers, and the part of a leader's range that a follower allows."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .joints import Joints
 Terms: TypeAlias = tuple[dict[str, float], float]
 """Coefficients by joint, the follower first, and offset: sum c_j q_j = offset."""
 
-_SLACK = 1e-9  # of a range: rounding
+_SLACK = 1e-9  # rounding, relative to a range
 
 
 def followed(couplings: Sequence[Terms], q: Vec, joints: Joints, angles: Callable[[Vec], Vec]) -> Vec:
-    """q with each follower where its leaders put it; followers may lead others."""
-    for _ in couplings:  # as often as a chain of them may be long
+    """q with each follower at the place that its leaders give; followers may lead others."""
+    for _ in couplings:  # the longest possible chain
         for terms, offset in couplings:
             at = angles(q)
             (follower, factor), *leaders = terms.items()

@@ -1,4 +1,4 @@
-"""Frames of a model by name: of one name, a link, site or added frame comes before a joint."""
+"""Frames of a model by name: a link, site or added frame comes before a joint of the same name."""
 
 from __future__ import annotations
 

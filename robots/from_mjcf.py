@@ -1,6 +1,6 @@
 """MJCF files as Pinocchio models, through MuJoCo's compiled model: the controlled model is the simulated one.
 
-The robot is what actuators move (``mjcf_parts``): several roots, several joints on a body, hinges, slides, balls and
+Actuated trees form the robot (``mjcf_parts``): several roots, several joints on a body, hinges, slides, balls and
 free bodies.  Bodies that cannot move, mocap bodies among them, are fixed in the world where the file has them; other
 moving bodies are obstacles.  Joint positions are MuJoCo's qpos, measured from the same zero.  ``agreement.check``
 compares the result with MuJoCo.

@@ -28,7 +28,7 @@ def read(found: Description, model: Any, kind: Kind) -> Any:
         return _from_mujoco(found, kind)
     what = pin.GeometryType.COLLISION if kind == "collision" else pin.GeometryType.VISUAL
     path = found.source
-    assert path is not None  # of a URDF
+    assert path is not None  # a URDF has one
     loader = _loader(path)
     try:
         shapes = pin.buildGeomFromUrdf(model, str(path), what, None, folders(path), loader)

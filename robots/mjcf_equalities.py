@@ -1,4 +1,4 @@
-"""Equalities of an MJCF as couplings: of joints, of fixed tendons, and closures of loops."""
+"""Equalities of an MJCF as couplings of joints and fixed tendons, and as closures of loops."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read(simulated: Any, found: Description, own: frozenset[int]) -> None:
     """Couplings and closures of the robot's bodies, and notes on equalities that are neither."""
     for e in range(simulated.neq):
         if own.isdisjoint(equality_bodies(simulated, e)):
-            continue  # of the scene
+            continue  # belongs to the scene
         name = simulated.eq(e).name or f"equality_{e}"
         if not simulated.eq_active0[e]:
             found.notes.append(f"equality {name} of the file is not active at first: not coupled")

@@ -131,7 +131,7 @@ def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actua
 
 
 def _bounds(simulated: Any, joint: int) -> list[Vec]:
-    """The range of the force on a joint, whatever its actuators are; empty without one."""
+    """The range of the force on a joint, for any actuators; empty without one."""
     return [simulated.jnt_actfrcrange[joint]] if simulated.jnt_actfrclimited[joint] else []
 
 
@@ -153,7 +153,7 @@ def _effort(ranges: list[Vec]) -> tuple[float, bool]:
 
 
 def _ranges(simulated: Any, actuator: int) -> list[Vec]:
-    """Ranges of the force that an actuator transmits: of the file, and of the control of a plain motor."""
+    """Ranges of the force that an actuator transmits: from the file, and from the control of a plain motor."""
     gear, found = float(simulated.actuator_gear[actuator, 0]), []
     if simulated.actuator_forcelimited[actuator]:
         found.append(gear * simulated.actuator_forcerange[actuator])

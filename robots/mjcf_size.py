@@ -22,7 +22,7 @@ def check_bodies(path: Path) -> None:
 
 
 def _bodies(path: Path, folder: Path, above: frozenset[Path]) -> int:
-    """Bodies of a file; 0 for what cannot be read, which MuJoCo explains."""
+    """Bodies of a file; 0 if it cannot be read, which MuJoCo explains."""
     try:
         root = ET.parse(path).getroot()
     except (OSError, ET.ParseError, ValueError, LookupError):

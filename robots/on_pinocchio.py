@@ -280,7 +280,7 @@ class Robot:
     def capsules(self) -> tuple[LinkCapsule, ...]:
         """Capsules around the links: from ``with_capsules``, or shipped or fitted ones around ``geometry``.
 
-        Shipped capsules are taken for links whose surface is that of the fit, whatever the file's name.  Fitting takes
+        Links with the surface of a shipped fit get its capsules, for any name of the file.  Fitting takes
         seconds, minutes for many meshes: it warns (ModelWarning), and the result is kept in the user's cache
         (docs/collision.md).  Raises ModelError without shapes.
         """

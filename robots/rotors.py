@@ -16,10 +16,10 @@ FREE = 5000.0
 
 
 def rotor_inertia(robot: Any, missing: float | None = None) -> dict[str, float]:
-    """Armature of each actuated turning joint, by name [kg m^2]: the model's where it has one, else a guess of it.
+    """Armature of each actuated turning joint, by name [kg m^2]: the model's if it has one, else a guess.
 
-    missing: of joints without one; None guesses min(0.01, effort limit / 5000).  Without one a foot has almost no
-    inertia about its ankle, and a motor turns it by tens of rad/s in one simulation step.
+    missing: armature of joints without one; None guesses min(0.01, effort limit / 5000).  Without one a foot has almost
+    no inertia about its ankle, and a motor turns it by tens of rad/s in one simulation step.
     """
     model = getattr(robot, "model", robot)
     given: Vec = np.asarray(model.armature)

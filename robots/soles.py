@@ -105,8 +105,8 @@ def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
 
     Ahead is the x axis of the base, as REP 103 has it; name the soles of a robot whose base is turned.
 
-    Returns the robot and the frames of both soles.  A frame of the link whose z is up at home is taken; where there is
-    none, the robot returned has one more, ``LINK_sole``: x ahead, z up.
+    Returns the robot and the frames of both soles.  A frame of the link whose z is up at home is taken; if
+    there is none, the returned robot has one more, ``LINK_sole``: x ahead, z up.
     Raises ModelError for a robot whose lowest shapes are not those of two links side by side.
     """
     left, right = foot_joints(robot)
@@ -151,7 +151,7 @@ def _body(robot: Any, joint: int) -> str:
 
 
 def _level_frame(robot: Any, joint: int, base: Mat) -> tuple[Any, str]:
-    """A frame of a joint whose z is up and x ahead at home, made anew where there is none."""
+    """A frame of a joint whose z is up and x ahead at home, added if there is none."""
     state = robot.state(robot.home)
     for frame in robot.model.frames:
         fixed = frame.parentJoint == joint and frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)

@@ -33,7 +33,7 @@ class Surface(NamedTuple):
         return np.unique(below.reshape(-1, 3), axis=0)
 
     def placed(self, placement: Any) -> Surface:
-        """The same surface in the axes that a pinocchio.SE3 leads to."""
+        """The surface, placed by a pinocchio.SE3."""
         return Surface(self.triangles @ placement.rotation.T + placement.translation, self.radii)
 
 

@@ -219,8 +219,8 @@ class Bumps(Plane):
 class Tiles(Plane):
     """Square tiles whose tops are up to ``rise`` above or below the ground at the start, which is at ``rise``.
 
-    start: x where they begin [m].  rise [m].  size: side of a tile [m].  length, width: of the field [m].  ``height``
-    is that of the start.  Raises DeclarationError for values that are not above 0.
+    start: x where they begin [m].  rise [m].  size: side of a tile [m].  length, width: size of the field [m].
+    ``height`` is that of the start.  Raises DeclarationError for values that are not above 0.
     """
 
     start: float = 0.25

@@ -43,7 +43,7 @@ class Ball(_Closure):
     """A point that two frames share, as a ball joint between them: e = R_o^T (p - p_o) - p_ref ``(3,)`` [m].
 
     frame, relative_to: the two frames; p is the origin of the first, p_o and R_o are origin and axes of the other.  The
-    position at the first tick is held, with ``closed`` that of the other origin, whatever the first state; ``at`` gives
+    position at the first tick is held, or that of the other origin with ``closed``, for any first state; ``at`` gives
     another one ``(3,)``.  J = R_o^T (J_p - J_o + [p - p_o]x J_omega_o), three rows.  For torques it acts by a force
     ``(3,)`` [N] on ``frame`` at its origin and by its opposite on the other frame, in the axes of ``relative_to``.
     Raises DeclarationError for fields, FrameNotFound on binding.

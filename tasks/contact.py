@@ -55,7 +55,7 @@ class FixedContact(_FramePose, Constraint):
 class PointContact(Task, Constraint):
     """The origin of a frame stays put, its rotation is free: J_v v = 0, three rows, e = p - p_0 [m].
 
-    The position at the first tick ``(3,)`` is held.  normal: of the surface in world axes ``(3,)``, vertical for None;
+    The position at the first tick ``(3,)`` is held.  normal: the surface's, in world axes ``(3,)``, vertical for None;
     ``at`` gives that of a tick.  It is the z axis of the contact's force, the frame's x axis projected on the surface
     its x axis.  Raises DeclarationError for fields, FrameNotFound on binding (Mistry 2008, eqs. 8, 9, condition 3).
     """

@@ -57,9 +57,9 @@ class FrameVelocityLimits(Inequality):
         J_i x <= k (b - s_i) - d_i    for accelerations,
         J_i x + dt/2 d_i <= b + (1 - k dt) max(s_i - dt/2 d_i - b, 0)    for velocities: means over the tick.
 
-    frame: of the robot.  linear, angular: infinite for no limit, one of them finite.  rate [1/s]: k, at which an excess
-    decays and, for accelerations, at which a speed nears its limit.  Raises DeclarationError for fields, FrameNotFound
-    on binding.
+    frame: a frame of the robot.  linear, angular: infinite for no limit, one of them finite.  rate [1/s]: k, at which
+    an excess decays and, for accelerations, at which a speed nears its limit.  Raises DeclarationError for fields,
+    FrameNotFound on binding.
     """
 
     frame: str
