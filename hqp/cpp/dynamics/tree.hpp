@@ -85,10 +85,10 @@ class Tree {
     return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
   }
 
-  double own_mass(int body) const { return own_[body]; }         // mass centre of the body with its payloads
+  double own_mass(int body) const { return own_[body]; }         // mass of the body with its payloads
   double mass(int body) const { return masses_[body]; }          // mass of the body's subtree
   const Vec3& moment(int body) const { return moments_[body]; }  // their mass times their centre
-  const Vec3& centre(int body) const { return centres_[body]; }  // of the body with its payloads
+  const Vec3& centre(int body) const { return centres_[body]; }  // mass centre of the body with its payloads
   bool carries(int carrier, int body) const {
     while (body > carrier) body = bodies_[body].parent;
     return body == carrier;

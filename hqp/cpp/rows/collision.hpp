@@ -25,7 +25,7 @@ struct WorldShape {
 struct CollisionScene {
   std::vector<LinkCapsule> links;
   std::vector<WorldShape> world;
-  std::vector<std::string> names;        // of links, then of the world's shapes
+  std::vector<std::string> names;        // links, then the world's shapes
   std::vector<std::vector<int>> chains;  // coordinates that move each body
   std::vector<std::array<int, 2>> pairs;
   std::vector<double> clearances;
@@ -321,7 +321,7 @@ class Collision final : public Operation {
   std::vector<Segment> ends_;
   std::vector<Vec3> centres_;
   std::vector<double> sizes_;
-  int count_;                 // of pairs
+  int count_;                 // number of pairs
   std::vector<double> near_;  // distance for each row, infinite beyond the influence
   std::vector<Distance> found_;
   std::vector<double> fade_;        // share of rows of ends, 1 for others

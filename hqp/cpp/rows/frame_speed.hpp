@@ -23,7 +23,7 @@ class FrameSpeed final : public Operation, Rows {
     const Vec3 p = origin();
     const Mat3 R = rotation();
     const Vec3 moving = body_drift().at(p),
-               turning = body_drift().angular;  // of the body's motion, whose turning R follows
+               turning = body_drift().angular;  // drift of the body, whose rotation R follows
     int i = 0;
     if (std::isfinite(linear_))
       for (const Vec3& n : normals_) write_row(i++, along(R * n, p), dot(R * n, moving), linear_, v);

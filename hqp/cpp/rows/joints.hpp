@@ -126,7 +126,7 @@ class Prescribed final : public Operation {  // coordinates that another control
   std::vector<int> columns_;
   double dt_;
   int order_;
-  const double* v_ = nullptr;  // of the state, during a tick
+  const double* v_ = nullptr;  // velocity of the state, during a tick
 };
 
 class Frozen final : public Operation {  // joints that stay where they were

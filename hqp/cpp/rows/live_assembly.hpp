@@ -53,7 +53,7 @@ class Assembly {
   void load(const nb::object& p) { hqp::add_load(rows_, plan(p)); }
   void slot(const nb::object& p) { loop_.add(plan(p).text("name"), hqp::slot(plan(p), rows_.operations())); }
 
-  // Placements and twists are written by this, ahead of the rows of a tick.
+  // Native kinematics, which writes placements and twists before the rows of a tick.
   void move(const nb::object& robot) {
     kept_.push_back(robot);
     kinematics_ = &nb::cast<LiveKinematics&>(robot).get();
@@ -66,8 +66,8 @@ class Assembly {
   void limit(const Vector& v, const nb::capsule& reactions) { rows_.limit(v.data(), *hqp::reactions_of(reactions)); }
   nb::capsule core() { return hqp::capsule_of_part(&rows_, "hqp.assembly"); }
 
-  // call: of a workspace bound to the arrays of the laws; values: x and slack, its own.  largest: a demand beyond it is
-  // out of the ordinary.
+  // call: solve call of a workspace bound to the arrays of the laws; values: its x and slack.  largest: largest regular
+  // demand.
   void answers(const nb::capsule& call, const Vector& values, double largest) {
     rows_.largest(largest);
     call_ = hqp::call_of(call);
@@ -79,8 +79,8 @@ class Assembly {
   // the bounds (first, last).
   void written(const Parts& rows, const Parts& bounds) { rows_.written(pairs(rows), pairs(bounds)); }
 
-  // For many configurations at rest under the same references: x, null for what is out of the ordinary or was not
-  // solved; rows alone.
+  // Solve many configurations at rest under one set of references: x, or null for irregular data and failed solves;
+  // rows alone.
   bool take(const nb::tuple& references) { return loop_.take(references, true); }
   bool write(const double* q, const double* v) {
     rows_.begin();
@@ -117,7 +117,7 @@ class Assembly {
   hqp::Assembly rows_;
   hqp::Kinematics* kinematics_ = nullptr;
   hqp::Loop loop_;
-  nb::object called_;  // before what runs it
+  nb::object called_;  // keeps call_ alive
   hqp::SolveCall* call_ = nullptr;
   const double* values_ = nullptr;
 };

@@ -62,7 +62,7 @@ class KnownLoads {
   }
 
  private:
-  static Vec3 place(const KnownLoad& load) {  // of a payload
+  static Vec3 place(const KnownLoad& load) {  // centre of a payload
     return hqp::load(load.frame.position) + load_rotation(load.frame.rotation) * hqp::load(load.value + 1);
   }
   static void push(const Tree& tree, const KnownLoad& load, double* bias) {

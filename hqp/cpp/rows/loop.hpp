@@ -60,7 +60,7 @@ class Doubles {
   bool known_, held_;
 };
 
-// Where the references of a stack go.
+// Buffers of a stack's references.
 class Loop {
  public:
   explicit Loop(nb::object reference) : reference_(std::move(reference)) {}
@@ -69,7 +69,7 @@ class Loop {
     index_[nb::str(name.c_str())] = nb::int_(slots_.size());
     slots_.push_back(std::move(slot));
   }
-  // Hold values everywhere but for the references given; false for one that is out of the ordinary.
+  // Write the given references, and hold values for all others; return false for an irregular reference.
   bool take(const nb::tuple& references, bool fresh) {
     settle(slots_, fresh);
     for (const nb::handle reference : references)

@@ -143,7 +143,7 @@ Slot slot(const Plan& p, int operations) {
   return slot;
 }
 
-// Where the reference of a load goes.
+// Buffer of a load's reference.
 template <class Plan>
 Slot load_slot(const Plan& p) {
   const std::size_t size = p.part("value").size();

@@ -12,7 +12,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// At level k the gradient A_k' w_k, in the null space null space of the rows fixed so far, must be a combination of the
+// At level k the gradient A_k' w_k, in the null space of the rows fixed so far, must be a combination of the
 // active rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable,
 // then the table's. All rows count with unit length.
 struct Conditions {
@@ -38,7 +38,7 @@ struct Conditions {
   int* open = nullptr;           // (open_count,) rows that are open, or were
   int* id = nullptr;             // (active,) active rows of the level at hand, the columns
   int open_count = 0, active = 0;
-  NullSpace null_space;             // of the rows fixed so far
+  NullSpace null_space;             // null space of the rows fixed so far
   NonnegativeLeastSquares columns;  // the multipliers of the level at hand
   RowSortedLeastSquares face;       // the level at hand on a face
   int* order = nullptr;             // (rows of a level,) its rows, the longest first

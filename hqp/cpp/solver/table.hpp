@@ -150,7 +150,7 @@ struct Table {
     return over > tolerance * own + rounding;
   }
 
-  // The last level asks for the point nearest to this one; null: what the problem asks for.
+  // Minimise the distance to this point in the last level; null: the problem's own objective.
   void rest_at(const double* point) {
     const Block& b = block[blocks - 1];
     const double* goal = point ? point : goal_;

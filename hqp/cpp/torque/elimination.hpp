@@ -46,8 +46,8 @@ class TorqueRows {
 struct Shared {
   double* C;
   int first[2];               // rows of the constraints where the contacts' begin
-  const double* rotation[2];  // of the contacts' axes, live, column-major
-  const double* sole[2];      // of the frames that the middles are in
+  const double* rotation[2];  // contacts' axes, live, column-major
+  const double* sole[2];      // axes of the frames of the middles
   std::array<double, 2> middle[2];
   double factor[2], arm;  // by which C is multiplied
   const double* share;
