@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hqp._lexicographic import Workspace
 
 MOST = 0.5
-"""A price that holds more than this share of a level back is why the level is not met."""
+"""Share of a level above which the price is the cause of its residual."""
 
 NOTED = 0.01
 """Note a price only if it holds back more than this fraction of the request."""
@@ -50,10 +50,10 @@ class Layout:
 class TickAccount:
     """Request, residual and limits of every element; plain numbers, ``str()`` is a table.
 
-    elements ``(E,)``: names.  residual, asked ``(E,)``: ||w|| and ||w|| at standing still, in the element's own units.
-    shares ``(levels, E + 1)``: fraction of a level's gradient balanced by each element, its own price last; a row of
-    zeros where the level is met or nothing above it is in its way.  worth ``(levels,)``: decrease of ||w|| per unit of
-    additional motion, c_k ||y_k||.
+    elements ``(E,)``: names.  residual ``(E,)``: ||w|| in the element's own units; asked ``(E,)``: ||w|| without
+    motion.  shares ``(levels, E + 1)``: fraction of a level's gradient balanced by each element, its own price last; a
+    row of zeros if the level is met or nothing above it holds it back.  worth ``(levels,)``: decrease of ||w|| per
+    unit of additional motion, c_k ||y_k||.
     """
 
     __slots__ = ("_fast", "_values", "count", "layout")
@@ -68,7 +68,7 @@ class TickAccount:
 
     @property
     def asked(self) -> Vec:
-        """||w|| of each element at standing still ``(E,)``."""
+        """||w|| of each element without motion ``(E,)``."""
         return self._values[1 : 4 * len(self.elements) : 4] * self.layout.inverse
 
     @property
@@ -93,7 +93,7 @@ class TickAccount:
         return is_zero(float(self.residual[i]), float(self.asked[i]))
 
     def cause(self, element: str) -> str:
-        """Why an element is not met, as ``explain.Account.cause``; "" where it is."""
+        """Cause of an element's residual, as ``explain.Account.cause``; "" if it is met."""
         if self.met(element):
             return ""
         i, layout = self.layout.place(element), self.layout
@@ -135,7 +135,7 @@ class TickAccount:
 
 
 class Accountant:
-    """Makes accounts of a compiled stack; native where the stages are, through an explanation elsewhere.
+    """Makes accounts of a compiled stack: native for native stages, else through an explanation.
 
     workspace: the account describes its latest solve.
     """
@@ -162,8 +162,8 @@ class Accountant:
     def account(self, count: int, w: Vec, x: Vec, v: Vec | None = None) -> TickAccount | None:
         """The account of the latest solve, from the slacks of all its rows and its answer x.
 
-        v: velocity of the state, to separate too fast from held back; without it nothing is too fast. None if the
-        kernel has no multipliers: no kernel, or an answer that was found in another way.
+        v: velocity of the state, to distinguish too fast from held back; without it nothing is too fast. None if the
+        kernel has no multipliers: no kernel, or an answer of another method.
         """
         values = self.values(w, x)
         if values is None:

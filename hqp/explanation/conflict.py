@@ -30,7 +30,7 @@ QUICK = 0.04
 """Time for the least violation [s]."""
 
 FAR = 1e3
-"""A certificate excludes points so many times as far from zero as that of the least violation."""
+"""Distance from zero, relative to the least violation's point, up to which a certificate excludes points."""
 
 CLEAR = 1e-9
 """The second smallest singular value of the rows of a conflict, relative to the largest, is above this."""
@@ -41,7 +41,7 @@ ZERO = 1e-9
 
 @dataclass(frozen=True)
 class Conflicting:
-    """One row of a conflict: its level, its place there, the side that binds, and the least it must give way alone."""
+    """One row of a conflict: its level, its place there, the active side, and the least relaxation if alone."""
 
     name: str
     level: int
@@ -58,7 +58,7 @@ class Conflicting:
 
 @dataclass(frozen=True)
 class Conflict:
-    """An irreducible set of rows that cannot hold together, none where all constraints can; ``str()`` lists it."""
+    """An irreducible set of contradictory rows, empty if all constraints can hold; ``str()`` lists it."""
 
     rows: tuple[Conflicting, ...]
 
@@ -102,7 +102,7 @@ def conflict(problem: Hierarchy, names: Sequence[Sequence[tuple[str, str]]] | No
 
 
 def _quick() -> Solver:
-    """The solver, without its doubts where it is the native one: the certificate of Farkas is judged here."""
+    """Solver; the native one skips its own checks, because the certificate of Farkas is judged here."""
     name = exact()
     return load(name, deadline=QUICK) if name == "lexicographic" else load(name)
 
@@ -112,7 +112,7 @@ def _support(w: Vec) -> Index:
 
 
 def _smallest_certificate(A: Mat, lower: Vec, upper: Vec, w: Vec, size: float) -> tuple[Index, Vec] | None:
-    """Rows of an irreducible conflict, and by how much each is off alone; None where rounding decides.
+    """Rows of an irreducible conflict, and the violation of each alone; None if rounding decides.
 
     w: the least violation, a certificate.  size: size of x; certificates beyond a thousand times that are ignored.
     """

@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 
 class Counters(NamedTuple):
-    """What a session has counted since it was made, through every change of its stack.
+    """Counters of a session since its creation, through every change of its stack.
 
-    ticks: that have ended.  late: that took longer than dt.  cut: whose search the deadline or the iteration limit
-    stopped.  held: whose command was coming to rest.  rejected_states, rejected_references: that were not valid.
-    longest_gap: from the begin of a tick to that of the next [s].  worst_time: the longest tick [s], without Python.
+    ticks: finished ticks.  late: ticks longer than dt.  cut: ticks whose search the deadline or the iteration limit
+    stopped.  held: ticks whose command was coming to rest.  rejected_states, rejected_references: invalid inputs.
+    longest_gap: longest time from the begin of a tick to that of the next [s].  worst_time: longest tick [s], without
+    Python.
     """
 
     ticks: int

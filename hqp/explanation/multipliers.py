@@ -71,7 +71,7 @@ def explain(
 
 
 def cause_of(losses: Sequence[Loss], *, fast: bool) -> str:
-    """The cause by the price where its share is the largest, else by a limit that binds; too fast has precedence."""
+    """Price if its share is the largest, else active limit, else levels above; too fast precedes price and limit."""
     price, limit = losses[0].element == PRICE, any(loss.binds for loss in losses)
     if fast and (price or limit):
         return "too fast"
@@ -86,7 +86,7 @@ def _cause(
     losses: tuple[Loss, ...],
     fast: bool,
 ) -> tuple[str, tuple[str, ...]]:
-    """Why an element is not met, and whom of its own level it fights."""
+    """Cause of an element's residual, and the elements of its own level that it opposes."""
     place = places[name]
     A = problem.levels[place.level].dense(problem.n)
     pulls = {
@@ -202,7 +202,7 @@ def _shares(
             lam = multipliers[starts[place.level] :][place.part]
             pushed = slowed[starts[place.level] :][place.part].sum(axis=0)
             force = -scale(g, levels[place.level].dense(problem.n)[place.part].T @ lam + pushed)
-            if force > 0.0:  # an element may also push the level's way; only those that hold against it took something
+            if force > 0.0:  # an element may also push in the level's direction, which is no loss
                 against[name] = force
                 if not place.element.equality:
                     held[name] = _named(row_names.get(name, ()), kinds.get(name, ()), lam)

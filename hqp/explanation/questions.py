@@ -37,7 +37,7 @@ DULL = ("joint_limits", "torque_limits")
 class HeldBackNotes:
     """Notes on elements that are short of their request, made when they are read.
 
-    values: of the account.  w: slacks of all rows.  references: of the tick, or names of its targets.
+    values: numbers of the account.  w: slacks of all rows.  references: those of the tick, or names of its targets.
     """
 
     __slots__ = ("_references", "_teller", "_values", "_w")

@@ -16,10 +16,10 @@ SHARE = 0.01
 """Losses below this fraction of the whole are omitted."""
 
 BINDS = 0.05
-"""A limit of at least this share is named before levels above: these leave a way, and the limit bars it."""
+"""Share above which a limit is named before levels above: those levels alone would permit the motion."""
 
 PRICE = "its price"
-"""The name under which a price stands among the losses."""
+"""Name of a price among the losses."""
 
 OUT_OF_REACH = "out of reach or singular: no motion of the robot reduces the residual"
 """Text of explanations and notes for the cause ``out of reach``."""
@@ -82,7 +82,7 @@ class Short:
 class HeldBack:
     """Effect of a level's price on one element (docs/calm.md).
 
-    asked: ||w|| at standing still.  given: decrease of ||w|| from there [unit].  share: the price's fraction of the
+    asked: ||w|| without motion.  given: decrease of ||w|| from there [unit].  share: the price's fraction of the
     level's gradient, 0 to 1.  short: the direction in which the element is short, where motion moves its rows least.
     worth: decrease of the level's ||w|| per additional unit of motion (1 rad/s, 1 rad/s^2): c_k ||y_k||.
     """
@@ -113,12 +113,12 @@ class HeldBack:
 class Account:
     """One element: its level, the norm of its residual in its own units, and its losses, largest first.
 
-    cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality with a share of
-    BINDS or more, its rows named: the levels above alone would leave a way), ``own level`` (fights: named elements),
-    ``out of reach`` (no motion of the robot lessens the residual), ``price`` (the price on motion outweighs the rest),
-    ``too fast`` (most of its lack is the rate of its reference, not its error), ``off`` (out of this tick, and so met).
-    asked: ||w|| at the point of least motion, standing still, in the units of the residual.  held_back: effect of the
-    price, None for none.  unit: unit of residual and asked.
+    cause: "" if it is met, else ``lost`` to levels above, ``limit`` (held by an inequality with a share of BINDS or
+    more, its rows named: the levels above alone would permit the motion), ``own level`` (opposed by named elements),
+    ``out of reach`` (no motion of the robot reduces the residual), ``price`` (the price on motion outweighs the rest),
+    ``too fast`` (the rate of its reference exceeds half of its residual), ``off`` (inactive in this tick, and so met).
+    asked: ||w|| at the point of least motion, in the units of the residual.  held_back: effect of the price, or None.
+    unit: unit of residual and asked.
     """
 
     element: str

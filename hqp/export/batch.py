@@ -1,4 +1,4 @@
-"""Many worlds of one stack at once, over native threads: for reinforcement learning and for sweeps."""
+"""Many worlds of one stack at once, over native threads, for reinforcement learning and sweeps."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from hqp.loop.controller import Controller
 
 Targets: TypeAlias = "Mapping[str, ArrayLike | tuple[ArrayLike, ...]]"
-"""By the element's name: the values of all worlds ``(count, ...)``, or with their velocities and accelerations."""
+"""Values of all worlds ``(count, ...)`` by the element's name, alone or with their velocities and accelerations."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchTick:
     """Result of one step of all worlds.
 
-    commands ``(count, n_actuated)``, x ``(count, n)``, the answers that they are part of, ||w|| of every level
-    ``(count, levels)``, status ``(count,)``: places in ``tuple(hqp.Status)``, later ones are worse.
+    commands ``(count, n_actuated)``, parts of the answers x ``(count, n)``, ||w|| of every level ``(count, levels)``,
+    status ``(count,)``: places in ``tuple(hqp.Status)``, later ones are worse.
     """
 
     commands: Mat
@@ -54,9 +54,9 @@ class BatchTick:
 class Batch:
     """``count`` sessions of one controller on one robot, stepped together.
 
-    A world keeps the state of a session: hold values, warm start, the last command.  Its numbers depend neither on the
-    other worlds nor on threads, 0 for as many as the machine has cores, nor on time: the controller's deadline does not
-    hold here.  dt [s].  nq, nv, kind (``velocity``, ``acceleration`` or ``torque``, the meaning of a command),
+    A world keeps the state of a session: hold values, warm start, the last command.  Its numbers depend neither on
+    other worlds, nor on the number of threads, nor on time: the controller's deadline does not apply.  threads: 0 for
+    one per core.  dt [s].  nq, nv, kind (``velocity``, ``acceleration`` or ``torque``, the meaning of a command),
     joint_names of a command and home ``(nq,)`` are those of the plan.  Raises the errors of ``Controller.session`` and
     ``Session.export``, DeclarationError for a bad count.
     """
@@ -70,7 +70,7 @@ class Batch:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Batch:
-        """Worlds of a plan's file, without the robot's model; key and errors as of ``hqp.load``."""
+        """Load worlds from a plan's file, without the robot's model; key and errors: see ``hqp.load``."""
         found = object.__new__(cls)
         found._make(Path(path).read_bytes(), count, threads, key)
         return found
@@ -100,13 +100,13 @@ class Batch:
 
     @property
     def counters(self) -> Counters:
-        """Of the ticks of all worlds; no longest gap, 0: a world has no clock."""
+        """Counters of the ticks of all worlds; longest_gap is 0, because a world has no clock."""
         return Counters(*self._native.counters)
 
     def step(self, Q: Any, V: Any = None, targets: Targets | None = None) -> BatchTick:
         """One tick of all worlds for states Q ``(count, nq)`` and V ``(count, nv)``, zero for None.
 
-        targets: values of the elements' references, ``(count, ...)``, for this step; elements without one are held.
+        targets: values of the elements' references, ``(count, ...)``, for this step; others take their hold values.
         If Q is a torch tensor, so are the parts of the tick, which share memory with arrays of this step (DLPack).
         Data never raises: a world's fault is its own status.  Raises DeclarationError for a shape or an unknown name.
         """
@@ -178,7 +178,7 @@ class Batch:
         return DeclarationError("Batch", "wrong shape of Q or V", value=(at.shape, speed.shape), allowed=allowed)
 
     def reset(self, worlds: ArrayLike | None = None) -> None:
-        """Begin anew in these worlds, by index or mask ``(count,)``, in all for None.
+        """Reset these worlds, by index or mask ``(count,)``, all for None.
 
         Raises DeclarationError for an unknown world.
         """

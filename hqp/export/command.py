@@ -1,4 +1,4 @@
-"""`hqp export`: a stack on a robot as a plan's file."""
+"""`hqp export`: write a stack on a robot as a plan file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Python load it without the robot's model."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The stack, the robot, and where the file goes."""
+    """Options: stack, robot, path of the file."""
     add_stack(parser)
     parser.add_argument(
         "--deadline", type=float, metavar="S", help="deadline of a tick [s], 0 for none; default 0.8 dt"
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """0."""
+    """Write the file; return 0."""
     from hqp import serial
     from hqp.loop.controller import Controller
 

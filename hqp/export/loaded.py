@@ -1,4 +1,4 @@
-"""A session from a plan's file: no robot model is read, and no Pinocchio is needed."""
+"""A session from a plan file, without a robot model and without Pinocchio."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Target = ArrayLike | tuple[ArrayLike, ...]
 
 @dataclass(frozen=True, slots=True)
 class LoadedTick:
-    """Result of one step: command ``(n_actuated,)``, the answer x it is part of, ||w|| of every level.
+    """Result of one step: command ``(n_actuated,)``, a part of the answer x, ||w|| of every level.
 
-    held: number of ticks in which the command has been coming to rest without a usable answer.
+    held: number of ticks since the last usable answer, during which the command comes to rest.
     """
 
     command: Vec
@@ -45,8 +45,8 @@ class LoadedTick:
 class LoadedSession:
     """The native session of a plan.  One thread at a time.
 
-    names: elements that take a reference.  fingerprint: of the robot that the plan was written for, as
-    ``hqp.fingerprint`` gives it.  key: of the site, see ``load``.
+    names: elements that take a reference.  fingerprint: ``hqp.fingerprint`` of the plan's robot.  key: secret of the
+    signature, see ``load``.
     """
 
     def __init__(self, file: bytes, key: bytes | None = None) -> None:
@@ -66,7 +66,7 @@ class LoadedSession:
 
     @property
     def home(self) -> Vec:
-        """The configuration ``(nq,)`` that the robot's model calls home."""
+        """Home configuration of the robot's model ``(nq,)``."""
         return np.array(self._native.home)
 
     @property
@@ -76,7 +76,7 @@ class LoadedSession:
 
     @property
     def heartbeat(self) -> int:
-        """As of ``Session.heartbeat``."""
+        """Number of ticks that have ended, see ``Session.heartbeat``."""
         return int(self._native.heartbeat)
 
     def step(
@@ -92,9 +92,9 @@ class LoadedSession:
         """One tick for q ``(nq,)`` and v ``(nv,)``, zero for None; targets and the phase hold for this tick only.
 
         A target is the value of the element's reference, such as ``hand.at(p).value``, or a tuple of value, velocity
-        and acceleration.  time, now [s]: of the state, needed by plans of a session with ``max_age``, and of this
-        tick, that of ``time.monotonic`` for None.  Data never raises.  Raises UnknownReference, or DeclarationError for
-        a wrong shape or an unknown phase.
+        and acceleration.  time: time of the state [s], needed by plans of a session with ``max_age``.  now: time of
+        this tick [s], ``time.monotonic()`` for None.  Data never raises.  Raises UnknownReference, or DeclarationError
+        for a wrong shape or an unknown phase.
         """
         try:
             self._native.phase(phase or "")
@@ -161,11 +161,11 @@ class LoadedSession:
         return np.array(self._native.held(self._index[name]))
 
     def load(self, name: str, newtons: float) -> None:
-        """The load that a contact was measured to carry [N]."""
+        """Set the measured load of a contact [N]."""
         self._tell(name, LOAD, [newtons])
 
     def normal(self, name: str, normal: ArrayLike) -> None:
-        """The ground's normal ``(3,)`` under a wheel, in the next step."""
+        """Set the ground's normal ``(3,)`` under a wheel for the next step."""
         self._tell(name, NORMAL, normal)
 
     def _known(self, name: str) -> None:
@@ -182,22 +182,22 @@ class LoadedSession:
             raise DeclarationError(name, str(error).removeprefix(f"{name}: "), value=np.shape(value)) from None
 
     def advance(self, q: Vec, v: Vec, dt: float | None = None) -> Vec:
-        """The configuration ``(nq,)`` after moving with v for a period."""
+        """Integrate the configuration ``(nq,)`` with v for dt, the period for None."""
         out = np.empty(self.nq)
         self._native.integrate(np.ascontiguousarray(q), np.ascontiguousarray(v), self.dt if dt is None else dt, out)
         return out
 
     def reset(self) -> None:
-        """As just made: no warm start, no hold values, no last command.  A stop stays."""
+        """Discard warm start, hold values and last command.  A stop stays."""
         self._native.reset()
 
 
 def load(path: str | os.PathLike[str], *, key: bytes | None = None, robot: Robot | None = None) -> LoadedSession:
-    """The session of a file that ``Session.export`` wrote.
+    """Load a session from a file of ``Session.export``.
 
-    key: of the site; with it a file that was not signed with that key is refused, and one that was changed.  robot:
-    that is to move; a plan for another one, by joint names, limits and masses, is refused.  Raises HqpError for these,
-    for a damaged file and for one of another version.
+    key: secret of the signature; with it, refuse a file with another signature and a changed file.  robot: the robot
+    to control; refuse a plan of another one, by joint names, limits and masses.  Raises HqpError for these, for a
+    damaged file and for one of another version.
     """
     session = LoadedSession(Path(path).read_bytes(), key)
     if robot is not None and session.fingerprint != (own := fingerprint(robot)):

@@ -1,4 +1,4 @@
-"""Beside a policy: the arms above somebody else's legs, and a filter behind joint targets."""
+"""Sessions beside a policy: arms above the legs of another controller, and a filter behind joint targets."""
 
 from hqp.policies.policy_filter import FilteredTick, PolicyFilter, PolicyFilterSession, Prediction
 from hqp.policies.servo import Servos

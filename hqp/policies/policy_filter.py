@@ -1,4 +1,4 @@
-"""A filter behind a policy: its joint targets pass unchanged unless a limit or a distance is in the way."""
+"""A filter behind a policy: its joint targets pass unchanged unless a limit or a distance is active."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hqp.tasks.limits import home_inertia
 Command = Literal["positions", "velocities", "torques"]
 
 BRAKING = 200.0
-"""Largest deceleration that the default limits count on [rad/s^2, m/s^2]."""
+"""Largest deceleration of the default limits [rad/s^2, m/s^2]."""
 
 SHARE = 0.8
 """Share of a motor's torque that its deceleration may take."""
@@ -38,7 +38,7 @@ class PolicyFilter:
 
         min |x - v+(command)|    subject to limits, distances, the measured motion of a floating base,
 
-    x the velocity of the actuated joints at the end of the period, v+ the one that the command gives there (``Servos``;
+    x the velocity of the actuated joints at the end of the period, v+ the one by the command (``Servos``;
     for torques kp = kd = 0).  The change of the command moves v+ to x; it is zero if no constraint binds.
 
     limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
@@ -123,13 +123,13 @@ class Prediction:
         self._rest: Vec | float = 0.0
 
     def reset(self) -> None:
-        """As just made."""
+        """Discard earlier commands and estimates."""
         self._last, self._before, self._rest = None, None, 0.0
 
     def begin(self, command: ArrayLike, q: Vec, v: Vec) -> tuple[Vec, Vec]:
-        """(command within the effort limits, velocity that it gives), of joint positions and velocities.
+        """(command within the effort limits, velocity by it), from joint positions and velocities.
 
-        Numbers that are not finite are replaced by those that were sent last, first by ones that hold the joint.
+        Replace invalid numbers (NaN, infinite) by the last ones sent; in the first tick, by ones that hold the joint.
         """
         given = np.array(command, dtype=np.float64)
         if given.shape != q.shape:
@@ -151,7 +151,7 @@ class Prediction:
         return given, servos.velocity(given, q, v, self._rest)
 
     def end(self, command: Vec, free: Vec, x: Vec, q: Vec, v: Vec, solved: Any = True) -> Vec:
-        """The command to send for the velocity x in place of ``free``; the last one where the tick is not solved."""
+        """Command for the velocity x in place of ``free``; the last command if the tick is not solved."""
         servos = self.servos
         if self._kind == "velocities":
             sent = command + (x - free)
@@ -180,8 +180,8 @@ class Prediction:
 class FilteredTick:
     """Command to send, ``(n,)`` in the order of ``robot.joint_names``; asked: the policy's command, NaN if invalid.
 
-    limited: change of the command by joint (sent - asked, NaN for an invalid command).  tick: of the
-    stack, whose ``explain()`` names limits and pairs.
+    limited: change of the command by joint (sent - asked, NaN for an invalid command).  tick: the stack's tick,
+    whose ``explain()`` names limits and pairs.
     """
 
     command: Vec
@@ -191,7 +191,7 @@ class FilteredTick:
 
 
 class PolicyFilterSession:
-    """A filter at work on one robot; ``session`` is the one of its stack."""
+    """Filter of one robot; ``session`` is that of its stack."""
 
     def __init__(self, declared: PolicyFilter, session: Session, servos: Servos) -> None:
         self.declared, self.session, self.robot = declared, session, session.robot
@@ -224,7 +224,7 @@ class PolicyFilterSession:
         return FilteredTick(sent, asked, limited, tick)
 
     def reset(self) -> None:
-        """Forget earlier commands and estimates; the stack's session goes on."""
+        """Discard earlier commands and estimates, but not the state of the stack's session."""
         self._prediction.reset()
 
 

@@ -49,7 +49,7 @@ class Servos:
         return self.inertia + self.dt * (self.kd + self.dt * self.kp)
 
     def within_effort(self, target: Vec, q: Vec, v: Vec) -> Vec:
-        """The target whose torque is within the effort limits; itself where it is."""
+        """Move the target so that its torque is within the effort limits."""
         low, high = q + (self.kd * v - self.effort) / self.kp, q + (self.kd * v + self.effort) / self.kp
         return np.clip(target, low, high)
 

@@ -39,24 +39,24 @@ from hqp.tasks.collision_scene import KEPT, scene
 from hqp.torque import Torque
 
 TOUCHING = 2e-3
-"""Links up to three joints apart that are nearer than this at home [m] touch by design, as G1's shoulder and trunk."""
+"""Distance at home below which links up to three joints apart touch by design, as G1's shoulder and trunk do [m]."""
 
 Output = Literal["positions", "velocities", "torques"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class UpperBody:
-    """The joints that are not ``legs``, above legs and base that are taken as measured (``PrescribedMotion``):
+    """Control all joints but ``legs``, with legs and base as measured (``PrescribedMotion``):
 
         limits, self-collision > centre of mass near its place over the base > hands > trunk > posture.
 
     legs: joints or groups of the other controller.  hands: frames with a Pose each, the robot's palms for None.
-    trunk: frame whose orientation is kept, "" for none.  reach [m]: how far the centre of mass may move from where it
-    is at the first tick, along x and y of the base's heading, or the place that ``balance.at`` gives; inf for no bound.
-    clearance, influence [m]: of the arms' links from all others.  output: "velocities" are commands of ``Velocity``,
-    integrated from the first measured posture, as velocity and position servos take them; "torques" are those of
-    ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose torque
-    is that of ``Torque``, so that limits and distances hold for the joints that move.  speed [m/s]: of the hands.
+    trunk: frame with a fixed orientation, or "".  reach [m]: largest distance of the centre of mass from its place at
+    the first tick, or from ``balance.at``, along x and y of the base's heading; inf without a bound.
+    clearance, influence [m]: distances of the arms' links from all others.  output: "velocities" are commands of
+    ``Velocity``, integrated from the first measured posture, for velocity and position servos; "torques" are commands
+    of ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose
+    torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
     Payloads: ``tick`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 
@@ -135,7 +135,7 @@ class UpperBody:
             return ()
         limits = {"clearance": self.clearance, "influence": self.influence}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # of overlaps at home, which are left out here
+            warnings.simplefilter("ignore", ModelWarning)  # overlaps at home are omitted below
             found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
         apart: dict[frozenset[str], list[float]] = {}
         for (i, j), least in zip(found.pairs, found.clearance, strict=True):
@@ -172,7 +172,7 @@ class UpperBodyTick:
     """Commands of the controlled joints ``(k,)`` in the order of ``UpperBodySession.joints``.
 
     positions [rad]: targets of servos with the declared gains; without gains the joints one period later.  velocities
-    [rad/s]: one period later.  torques [N m]: None for output "velocities".  tick: of the stack.
+    [rad/s]: one period later.  torques [N m]: None for output "velocities".  tick: the stack's tick.
     """
 
     positions: Vec
@@ -182,7 +182,7 @@ class UpperBodyTick:
 
 
 class UpperBodySession:
-    """Arms at work on one robot; ``hands``, ``balance``, ``posture`` and ``trunk`` make references."""
+    """Arms of one robot; ``hands``, ``balance``, ``posture`` and ``trunk`` make references."""
 
     def __init__(self, declared: UpperBody, session: Session) -> None:
         self.declared, self.session, self.robot = declared, session, session.robot
@@ -227,7 +227,7 @@ class UpperBodySession:
         return UpperBodyTick(angles if servos is None else angles + (tau + servos.kd * v) / servos.kp, v, tau, tick)
 
     def _commanded(self, state: State) -> State:
-        """The measured state with the controlled joints as they were sent last, as measured and at rest at first."""
+        """The measured state with the controlled joints as last commanded; at first as measured, at rest."""
         if not state.valid:
             return state
         angles, v = np.array(state.angles), np.array(state.v)

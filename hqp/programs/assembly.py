@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 try:
     from hqp import _assembly as native
-except ImportError:  # no compiler was there: the readable functions do it all
+except ImportError:  # built without a compiler: the readable functions suffice
     native = None  # type: ignore[assignment]
 
 LARGEST = 1e10
-"""Rows and demands with larger numbers than this are a fault of their element."""
+"""Largest number in rows and demands; larger ones are a fault of their element."""
 
 OWN = "hqp.tasks"
-"""Module prefix of elements that are not the user's: their rows are at fault only where the model is."""
+"""Module prefix of elements that are not the user's: only a faulty model makes their rows faulty."""
 
 PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.Rotation: 2, plans.Pose: 3}
 """Plans whose targets are used unchanged, and the check of these: numbers, a rotation, a homogeneous matrix."""
@@ -41,7 +41,7 @@ EQUALITY, LIMITED, BOUNDED = 0, 1, 2
 
 
 class Constrained(Protocol):
-    """Constraints J ``(m, nv)`` whose forces are eliminated, ``out`` those that are not there."""
+    """Constraints J ``(m, nv)`` whose forces are eliminated; ``out``: names of the inactive ones."""
 
     m: int
     out: Signs
@@ -58,9 +58,9 @@ class Constrained(Protocol):
 class Member:
     """An element and its rows: ``part`` of the vectors, and of J unless its rows are a selection.
 
-    write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
-    reference's where one does.  plain: check of a target that is used unchanged, see ``_assembly.Assembly.slot``.
-    operation: number of the native one.  laws: numbers of those that it has by turns.
+    write: its readable functions, None if a native operation replaces them.  target, normal: buffers of the
+    reference for a native operation.  plain: check of a target that is used unchanged, see ``_assembly.Assembly.slot``.
+    operation: number of the native one.  laws: numbers of its laws, one of which is active.
     """
 
     element: Element
@@ -76,7 +76,7 @@ class Member:
 
     def __post_init__(self) -> None:
         self.declared = self.law
-        """The law that it was compiled with; ``law`` is the one of the next fill, or that it goes over to."""
+        """Law at compile time; ``law`` is the one of the next fill, or the goal of a change of law."""
 
 
 class Assembly:
@@ -108,7 +108,7 @@ class Assembly:
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
         self.native_rows: NativeAssembly | None = None
         self.moving: Kinematics | None = None
-        """Native kinematics ahead of the rows, None where the state's own are read."""
+        """Native kinematics before the rows, None if the rows use the state's."""
         if native is not None:
             self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, robot.nq, dt, self.order, Reference)
         self.members: dict[str, Member] = {}
@@ -128,7 +128,7 @@ class Assembly:
         members = self.members.values()
         self.written = [m for m in members if m.write is not None]
         self._around = [m for m in self.written if has(m.element, "bounds_around")]
-        checked = [m for m in members if m.write is not None or m.element.steered]  # by a reference that is no number
+        checked = [m for m in members if m.write is not None or m.element.steered]  # a reference may be NaN
         self._own_bounds = [m.views for m in checked if not m.element.equality]
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
         if self.native_rows is not None:
@@ -155,7 +155,7 @@ class Assembly:
         }
 
     def move(self, robot: Robot) -> None:
-        """Begin every fill with native kinematics, where the rows need no others: frames are known by now."""
+        """Begin every fill with native kinematics if the rows need no others: frames are known by now."""
         if self.native_rows is None or (self.written and self.order == 2):
             return  # a drift in Python takes Pinocchio's kinematics anyway
         self.moving = kinematics(robot)
@@ -163,7 +163,7 @@ class Assembly:
             self.native_rows.move(self.moving)
 
     def _bind(self, member: Member, robot: Robot, dt: float) -> None:
-        """A native operation where there is one, the readable functions where not."""
+        """Bind a native operation if there is one, else the readable functions."""
         element, views = member.element, member.views
         if element.grounded or element.on_ground:
             member.normal = ground_of(element)
@@ -182,7 +182,7 @@ class Assembly:
         views = member.views
         member.target = np.zeros(plan.shape)
         taken = getattr(type(member.element), "at", None)
-        if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
+        if taken is not None and taken.__module__.startswith(OWN):  # a user's element may transform its target
             member.plain = PLAIN.get(type(plan), 0)
         operation: dict[str, Any] = {
             "plan": plan,
@@ -228,7 +228,7 @@ class Assembly:
         self.parts["laws"] = laws
 
     def take_law(self, name: str, law: Law, *, at_once: bool) -> None:
-        """The law that an element goes over to, see ``go_on``, or has at once; ``require_law`` checks it."""
+        """Set an element's law, at once or gradually by ``go_on``; ``require_law`` checks it."""
         member = self.members[name]
         assert self.native_rows is not None
         assert member.declared is not None
@@ -240,12 +240,12 @@ class Assembly:
         self.native_rows.aim(start, stop, member.laws[law], at_once)
 
     def go_on(self) -> None:
-        """Move laws that go over by one period."""
+        """Advance changes of laws by one period."""
         if self.native_rows is not None:
             self.native_rows.go_on()
 
     def require_law(self, name: str, law: Law) -> None:
-        """Raise DeclarationError for an element that has no law, or none that may become this one."""
+        """Raise DeclarationError for an element without a law, or with one that cannot become this one."""
         member = self.members.get(name)
         own = None if member is None or _kind(member.element) == BOUNDED else member.declared
         if member is None or own is None:
@@ -262,7 +262,7 @@ class Assembly:
         law.fit(name, member.part.stop - member.part.start)
 
     def go_without(self, out: Set[str]) -> None:
-        """The rows of these elements are free from the next fill on, those of all others are as declared."""
+        """Free the rows of these elements from the next fill on, and restore those of all others."""
         self._out = out
         if self.native_rows is not None:
             for name, member in self.members.items():
@@ -322,7 +322,7 @@ class Assembly:
                 raise
             except (
                 Exception
-            ) as error:  # from a user's element: reported by a status, and the tick continues without the element
+            ) as error:  # a user's element: a status reports it, and the tick continues without the element
                 self.errors[element.name] = error
                 continue
             if J is not None and element.weight != 1.0:
@@ -350,7 +350,7 @@ class Assembly:
                 member.normal[:] = ground_of(member.element) if normal is None else normal
 
     def _apply_law(self, member: Member, v: Vec) -> None:
-        """Bounds of J x from errors, or from the ways left; the native ``demand`` does so for all rows at once."""
+        """Compute bounds of J x from errors or ways left, as the native ``demand`` does for all rows at once."""
         part, law, views, weight = member.part, member.law, member.views, member.element.weight
         kind = _kind(member.element)
         if member.element.name in self._out:
@@ -383,7 +383,7 @@ class Assembly:
         return () if fine and not self.errors else tuple(name for name in self.members if self.reason(name))
 
     def reason(self, name: str) -> str:
-        """Why an element's rows are not usable, "" if they are."""
+        """Reason that an element's rows are not usable, "" if they are."""
         if name in self.errors:
             error = self.errors[name]
             return f"it raised {type(error).__name__}: {error}"
@@ -403,7 +403,7 @@ class Assembly:
         return ""
 
     def sound(self, name: str) -> bool:
-        """Whether the rows of an element are numbers before their law, with no bounds crossed."""
+        """Return true if an element's rows before their law are finite, without crossed bounds."""
         views = self.members[name].views
         with np.errstate(invalid="ignore"):
             numbers = [views.error, views.drift, np.zeros(0) if views.J is None else views.J.ravel()]
@@ -427,7 +427,7 @@ class Assembly:
 
 
 def kinematics(robot: Robot) -> Kinematics | None:
-    """Native forward kinematics of the frames that rows read; None for joints that they do not know."""
+    """Native forward kinematics of the rows' frames; None for a joint type that it lacks."""
     joints = robot.tree_joints
     if native is None or joints is None:
         return None
@@ -449,7 +449,7 @@ def holds(law: Law) -> tuple[float, float, float]:
 
 
 def rows_law(law: Law, rows: int) -> dict[str, Any]:
-    """A P or a PD of so many rows, for native code and for files."""
+    """A P or a PD of ``rows`` rows, for native code and for files."""
     kp, kd = gains(law)
     by_row = {"kp": kp, "kd": kd, "pace": pace(law)}
     return {"held": holds(law), **{name: np.broadcast_to(x, rows).tolist() for name, x in by_row.items()}}

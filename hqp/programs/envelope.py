@@ -9,7 +9,7 @@ from hqp.native import ADVICE, missing
 
 try:
     from hqp import _session
-except ImportError:  # no compiler was there
+except ImportError:  # built without a compiler
     native: Any = None
 else:
     native = _session

@@ -43,15 +43,15 @@ class Program(ABC):
     places: dict[str, Place]
     assembly: Assembly
     out: frozenset[str] = frozenset()
-    """Names of elements that are out, see ``go_without``."""
+    """Names of inactive elements, see ``go_without``."""
 
     def go_without(self, out: frozenset[str]) -> None:
-        """The rows of these elements are free from the next fill on, those of all others are as declared."""
+        """Free the rows of these elements from the next fill on, and restore those of all others."""
         self.assembly.go_without(out)
         self.out = out
 
     def refuses(self, out: frozenset[str]) -> str:
-        """Why these elements may not be out together, "" where they may."""
+        """Reason that these elements cannot be inactive together, "" if they can."""
         return ""
 
     @property
@@ -87,7 +87,7 @@ class Program(ABC):
         return self.assembly.unusable()
 
     def reason(self, name: str) -> str:
-        """Why an element's rows are not usable."""
+        """Reason that an element's rows are not usable."""
         return self.assembly.reason(name)
 
     def remarks(self, state: State) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ class Program(ABC):
 
     @property
     def level_names(self) -> tuple[str, ...]:
-        """The declared level of each level of the hierarchy, with a number from 1 where there are several of it."""
+        """The declared level of each level of the hierarchy, numbered from 1 if it has several."""
         declared = {place.level: place.declared for place in self.places.values()}
         names = [declared[k] for k in range(len(self.problem.levels))]
         return tuple(n if names.count(n) == 1 else f"{n} {names[: k + 1].count(n)}" for k, n in enumerate(names))
@@ -114,17 +114,17 @@ class Program(ABC):
 
     @property
     def force_targets(self) -> dict[str, int]:
-        """How many numbers a target of forces or of efforts has, by name: those that ``aim_forces`` takes."""
+        """Sizes of the targets of forces and efforts, by name; ``aim_forces`` sets these targets."""
         return {}
 
     def aim_forces(self, references: Mapping[str, Reference]) -> None:  # noqa: B027
-        """Targets of forces and of efforts for the next native tick, those of all."""
+        """Set all targets of forces and efforts for the next native tick."""
 
     def took(self, state: State | None, references: Sequence[Reference]) -> None:  # noqa: B027
         """A native tick has filled the rows, for a state and with these references."""
 
     def in_python(self) -> tuple[str, str] | None:
-        """First element that needs Python, with the reason; None where all of a tick is native."""
+        """First element that needs Python, with the reason; None if all of a tick is native."""
         return next(((m.element.name, "its rows are written in Python") for m in self.assembly.written), None)
 
     def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:  # noqa: B027
@@ -325,11 +325,11 @@ class MotionProgram(Program):
         return self.assembly.unusable() + self._lost
 
     def reason(self, name: str) -> str:
-        """Why they are not."""
+        """Reason that an element's rows or a payload's numbers are not usable."""
         return self.assembly.reason(name) or "its numbers are not finite"
 
     def in_python(self) -> tuple[str, str] | None:
-        """The first element that leaves something to Python, and what."""
+        """First element that needs Python, with the reason; None if all of a tick is native."""
         if self._loads.readable:
             return self._loads.readable[0], "it has no native code"
         return super().in_python()

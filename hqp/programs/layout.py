@@ -35,15 +35,15 @@ def lay_out(
     ``subject_to`` comes in physical order, a quantity (force, effort, motion) never in one level with another:
 
     0. prescribed motion: equalities that each fix one coordinate;
-    1. bounds on x: the torque box, or where x is a velocity or an acceleration the limits of joints;
+    1. bounds on x: the torque box, or limits of joints if x is a velocity or an acceleration;
     2. contacts and couplings (equalities on the motion);
     3. limits of contact forces [N];
     4. for torques, limits of joints [rad/s^2, m/s^2];
     5. other inequalities, the user's own;
     6. tasks, a level for each quantity: they may have a price, the levels above never.
 
-    held: elements that are no rows, for the dynamics keep them.  torque: x is a torque.  contacts_first: contacts of
-    a level that holds tasks too are a level of their own before it.
+    held: elements without rows, which the dynamics keep.  torque: true if x is a torque.  contacts_first: put contacts
+    of a level with tasks into a separate level before it.
     """
 
     def selects(elements: Sequence[Element]) -> bool:

@@ -1,4 +1,4 @@
-"""Known loads in the equation of motion: wrenches from outside and payloads, filled in each tick."""
+"""Known loads in the equation of motion: external wrenches and payloads, filled in each tick."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def loads_of(stack: Stack) -> tuple[Element, ...]:
-    """The loads of a stack; raises DeclarationError for one in a level, which has nothing to order there."""
+    """The loads of a stack; raises DeclarationError for one in a level: a load has no rows."""
     for level in stack.levels:
         for element in level:
             if element.quantity == "load":
@@ -32,7 +32,7 @@ def loads_of(stack: Stack) -> tuple[Element, ...]:
 class Loads:
     """A, b + g and g of a state with the loads of its tick; ``values`` are the latest, by name.
 
-    rows: the native operations that count in loads with a plan, see ``add``.
+    rows: native operations that include loads with a plan, see ``add``.
     """
 
     def __init__(self, elements: Sequence[Element], robot: Robot, rows: NativeAssembly | None) -> None:
@@ -56,11 +56,11 @@ class Loads:
 
     @property
     def live(self) -> dict[str, Mat]:
-        """Where native code reads the values of loads with a plan, by name."""
+        """Buffers of values of loads with a plan, which native code reads, by name."""
         return dict(self._live)
 
     def took(self, state: State | None, references: Sequence[Reference]) -> None:
-        """A native tick had the loads that it read."""
+        """Record the loads of a native tick."""
         for element in self.elements:
             if element.name in self._live:
                 self._set(element, self._live[element.name].copy())
@@ -76,14 +76,14 @@ class Loads:
         return bool(self.elements)
 
     def begin(self, state: State) -> None:
-        """Give the state the payloads of the latest tick, or as declared before the first."""
+        """Set the state's payloads: those of the latest tick, the declared ones before the first."""
         if len(self.values) < len(self.elements):
             for element in self.elements:
                 self._set(element, element.hold(state).value)
         state.loads = self._carried
 
     def take(self, state: State, references: Mapping[str, Reference]) -> tuple[str, ...]:
-        """Take the loads of this tick; names of those whose numbers are not finite, whose old ones are kept."""
+        """Set the loads of this tick; return names of loads that are not finite, which keep their old numbers."""
         broken = []
         for element in self.elements:
             reference = references[element.name]

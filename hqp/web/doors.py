@@ -1,9 +1,9 @@
 """Access control of the viewer's page: every request is checked before viser sees it.
 
-A browser lets any web page open a websocket to this machine, and a name of an attacker's own may resolve to it.  So a
-request needs a Host that is a name of this machine, no Origin but the page's own, and the token or the password.  A
-page that was let in gets a cookie, which its websocket brings along.  Its value is not the token: a browser shows
-cookies to the pages of all ports of a host, those of other users of the machine among them.
+A browser lets any web page open a websocket to this machine, and an attacker's host name may resolve to it.  So a
+request needs a Host that is a name of this machine, no Origin but the page's own, and the token or the password.  An
+admitted page gets a cookie, which its websocket sends.  Its value is not the token: a browser shows cookies to the
+pages of all ports of a host, including those of other users of the machine.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def is_everywhere(host: str) -> bool:
 def listening(host: str) -> str:
     """The IP address to listen at for a host; raises HqpError if there is none.
 
-    One address, as a name of two would get two ports; and viser tries port after port where it cannot listen.
+    It is one address, because a name of two would get two ports; and viser tries port after port if it cannot listen.
     """
     try:
         where = socket.getaddrinfo(host or "0.0.0.0", 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -77,8 +77,8 @@ class Doors:
     """Requirements on a request.
 
     host: IP address where the page is served; names: its other names.  token: secret in its address.  password:
-    alternative to the token, none if empty.  once: a second token, good for one page: it stands on the command line of
-    the browser that is opened, which every user of the machine can read.  crumb: value of the cookie.
+    alternative to the token, none if empty.  once: a second token for one page, because every user of the machine can
+    read the command line of the opened browser.  crumb: value of the cookie.
     """
 
     host: str
@@ -89,7 +89,7 @@ class Doors:
     crumb: str = field(default_factory=_secret, repr=False)
 
     def refusal(self, path: str, headers: Any) -> tuple[HTTPStatus, str] | None:
-        """Why a request is refused, None where it is let in; headers: with ``get_all``, as of websockets."""
+        """Reason of a refusal, None for an admitted request; headers: with ``get_all``, like those of websockets."""
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             told = "this name is not one of the machine's own: open the page by its IP address"
@@ -142,7 +142,7 @@ class Doors:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie: cookies are shared by all ports of a host, so each page has one of its own."""
+        """Name of the cookie, different for each page, because all ports of a host share cookies."""
         return "hqp-" + hashlib.sha256(self.token.encode()).hexdigest()[:12]
 
 

@@ -23,7 +23,7 @@ def serve(doors: Doors, port: int) -> Any:
 
     class Closed(viser.ViserServer):  # type: ignore[misc,unused-ignore]
         def request_share_url(self, verbose: bool = True) -> None:
-            """No tunnel to the public: any client may request one from viser."""
+            """Refuse a public tunnel, which any client may request from viser."""
 
     with _guarded(doors), contextlib.redirect_stdout(io.StringIO()):  # viser prints an address without the token
         server = Closed(host=doors.host, port=port, verbose=False, label="hqp")
@@ -33,10 +33,10 @@ def serve(doors: Doors, port: int) -> Any:
 
 @contextmanager
 def _guarded(doors: Doors) -> Iterator[None]:
-    """Servers that viser starts within are behind these doors.
+    """Put servers that viser starts meanwhile behind these doors.
 
-    viser hands its own ``process_request`` to ``websockets.asyncio.server.serve`` inside a thread and takes none from
-    its caller, so that name is another one while viser starts.  A proxy in front would leave viser's port open.
+    viser passes its own ``process_request`` to ``websockets.asyncio.server.serve`` inside a thread and takes none from
+    its caller, so this replaces ``serve`` while viser starts.  A proxy would leave viser's port open.
     """
     library: Any = importlib.import_module("websockets.asyncio.server")
     original = library.serve
@@ -52,14 +52,14 @@ def _guarded(doors: Doors) -> Iterator[None]:
 
 
 def checked(doors: Doors, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Awaitable[Any]]:
-    """A ``process_request`` of websockets that checks a request and lets ``answer`` go on with it."""
+    """A ``process_request`` of websockets that checks a request and passes it on to ``answer``."""
     turn = asyncio.Lock()
 
     async def process_request(connection: Any, request: Any) -> Any:
         refusal = doors.refusal(request.path, request.headers)
         if refusal is not None:
             if "Authorization" in request.headers:
-                async with turn:  # passwords are tried one after the other, two a second
+                async with turn:  # one password at a time, two per second
                     await asyncio.sleep(0.5)
             response = connection.respond(refusal[0], f"Refused: {refusal[1]}.\n")
             if refusal[0] is HTTPStatus.UNAUTHORIZED:
@@ -77,7 +77,7 @@ def checked(doors: Doors, answer: Callable[[Any, Any], Any]) -> Callable[[Any, A
 
 
 def _require_closed(doors: Doors, port: int) -> None:
-    """Raise HqpError where the page is handed out without a token: another viser may serve it in another way."""
+    """Raise HqpError if the page opens without a token: another version of viser may serve it in another way."""
     connection = http.client.HTTPConnection(urlsplit(address(doors.host, port)).hostname or "", port, timeout=10.0)
     try:
         connection.request("GET", "/")
