@@ -93,7 +93,9 @@ def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dic
     """Install in one call of pip, run the loops and the tests, and remove the environment."""
     if python not in wheels:
         target = folder / f"wheel-{len(wheels)}"
-        run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", target, ROOT)
+        shutil.rmtree(target, ignore_errors=True)
+        native = {"HQP_REQUIRE_NATIVE": "1"}
+        run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", target, ROOT, env=native)
         (wheels[python],) = target.glob("*.whl")
     suite, home = folder / "suite", folder / name
     shutil.rmtree(home, ignore_errors=True)
