@@ -203,12 +203,12 @@ def distance() -> None:
     figure, axes = plt.subplots(figsize=(4.2, 2.8))
     apart = t.Distance(frame=LEFT, other=RIGHT, name="apart")
     stack = Stack(Level(apart), posture(), subject_to=FEET)
-    panel(
-        axes,
-        100 * run(TALOS, stack, [apart.at(0.3)], 1.5, lambda s, _: apart.value(s)[0]),
-    )
-    axes.axhline(30.0, color="k", ls=":", lw=1)
-    finish(figure, "distance", (axes, "distance of the hands of Talos [cm]"))
+    found = run(TALOS, stack, [apart.at(0.3)], 1.5, lambda s, _: apart.value(s)[0])
+    panel(axes, 100 * found, "left to right palm, gain 5 per s")
+    axes.axhline(30.0, color="k", ls=":", lw=1, label="target, 30 cm")
+    axes.set_ylim(0.0, None)
+    axes.set_ylabel("distance [cm]", fontsize=8)
+    finish(figure, "distance", (axes, "Talos brings its hands together"))
 
 
 def weld() -> None:
@@ -409,16 +409,17 @@ def motors() -> None:
         lambda s, tick: [tick.state.v[0], tick.command[0]],
         hqp.Torque(),
     )
-    axes.plot(found[:, 0], found[:, 1], ".", ms=2)
+    axes.plot(found[:, 0], found[:, 1], ".", ms=2.5, label="a tick of 2 ms")
     speeds = np.linspace(-2.5, 2.5, 201)
     for side in (0, 1):
         line = [
             limits.bounds(PANDA.state(PANDA.home, np.full(PANDA.nv, v)))[side][0]
             for v in speeds
         ]
-        axes.plot(speeds, line, "k:", lw=1)
+        axes.plot(speeds, line, "k:", lw=1, label="" if side else "bounds of the motor")
     axes.set_xlabel("speed [rad/s]", fontsize=8)
-    finish(figure, "motors", (axes, "torque of panda_joint1 [N m]"))
+    axes.set_ylabel("torque [N m]", fontsize=8)
+    finish(figure, "motors", (axes, "panda_joint1 swings 1.2 rad up and back"))
 
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 1.4">

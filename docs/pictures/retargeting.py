@@ -15,15 +15,18 @@ from .studio import BLUE, Studio, caption
 
 FIGURES = Path(__file__).parents[1] / "figures"
 SIZE = (420, 420)
-APART = 0.45
-"""Distance of the person from the robot as a share of its height."""
+APART = 0.75
+"""Room between the person and the robot as a share of their height."""
 
 
 def pictures(found: Retargeted) -> list[Image.Image]:
     """Frames of the person's joints and the robot; the caption lists the standing feet."""
     height = float(np.ptp(found.person[0, :, 2]))
     middle = 0.5 * (found.q[:, :3].min(axis=0) + found.q[:, :3].max(axis=0))
-    aside = np.array([0.0, APART * height, 0.0])
+    across = (
+        found.person[:, :, 1] - found.q[:, None, 1]
+    )  # so far a part of the person is ever beside the base
+    aside = np.array([0.0, APART * height - min(0.0, float(across.min())), 0.0])
     around = float(np.ptp(found.q[:, :2], axis=0).max())
     studio = Studio(
         found.robot,

@@ -15,16 +15,20 @@ import hqp
 from hqp.arrays import Mat, Vec
 from hqp.viewer.meshes import hull
 
-from .studio import BLUE, GREEN, ORANGE, RED, Studio
+from .studio import BLUE, GREEN, ORANGE, RED, Studio, caption
 
 FIGURES = Path(__file__).parents[1] / "figures"
 SMALL, WIDE = (460, 460), (960, 460)
 SEEN_THROUGH = 0.5
 """Opacity of the robot, so that marks inside it are visible."""
-GLASS = 0.16
-"""Opacity of dark legs, whose soles and forces are the subject."""
+CLEAR = 0.55
+"""Opacity of a foot whose sole is the subject."""
 
 READY = np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2])
+FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+SIDE = np.array([0.0, 0.3, 0.0])
+"""From a joint in the trunk to a place beside it, where its angle is seen [m]."""
+SOFT = (0.36, 0.4, 0.46)
 SOLE = np.array(
     [[0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [-0.1, -0.05, 0.0], [-0.1, 0.05, 0.0]]
 )
@@ -129,8 +133,16 @@ def com() -> Image.Image:
 
 def _legs(elevation: float = -20.0) -> tuple[Studio, Vec, Any]:
     s, q, state = talos()
-    aim(s, np.array([0.03, 0.0, 0.12]), 0.95, 140.0, elevation)
+    aim(s, np.array([0.02, 0.0, 0.06]), 0.8, 128.0, elevation)
     return s, q, state
+
+
+def _feet_shot(s: Studio, q: Vec) -> Image.Image:
+    """The feet, and the rest of the robot faintly."""
+    soles = s.robot.landmarks["soles"]
+    return s.shoot(
+        q, CLEAR, frozenset(s.robot.body(s.robot.frame(sole)) for sole in soles)
+    )
 
 
 def fixed_contact() -> Image.Image:
@@ -138,7 +150,7 @@ def fixed_contact() -> Image.Image:
     feet(s, state)
     for sole in s.robot.landmarks["soles"]:
         s.axes(state.position(sole) + [0.0, 0.0, 0.01], state.rotation(sole), 0.16)
-    return s.shoot(q, GLASS)
+    return _feet_shot(s, q)
 
 
 def point_contact() -> Image.Image:
@@ -147,7 +159,7 @@ def point_contact() -> Image.Image:
         s.ball(
             state.position(sole) + state.rotation(sole) @ [0.12, 0.0, 0.0], GREEN, 0.02
         )
-    return s.shoot(q, GLASS)
+    return _feet_shot(s, q)
 
 
 def edge_contact() -> Image.Image:
@@ -157,7 +169,7 @@ def edge_contact() -> Image.Image:
             sole
         ).T + state.position(sole)
         s.line(ends[0], ends[1], GREEN, 0.012)
-    return s.shoot(q, GLASS)
+    return _feet_shot(s, q)
 
 
 def friction_cone() -> Image.Image:
@@ -172,7 +184,7 @@ def friction_cone() -> Image.Image:
             s.line(p, corner, BLUE, 0.003)
         s.outline(np.array(rim), BLUE, 0.005)
         s.arrow(p, p + [0.05, 0.02, 0.22], RED, 0.01)
-    return s.shoot(q, GLASS)
+    return _feet_shot(s, q)
 
 
 def unilateral_contact() -> Image.Image:
@@ -180,7 +192,7 @@ def unilateral_contact() -> Image.Image:
     for sole in s.robot.landmarks["soles"]:
         p = state.position(sole)
         s.arrow(p, p + [0.0, 0.0, 0.28], RED, 0.012)
-    return s.shoot(q, GLASS)
+    return _feet_shot(s, q)
 
 
 def center_of_pressure() -> Image.Image:
@@ -194,7 +206,7 @@ def center_of_pressure() -> Image.Image:
         p = state.position(sole) + offset
         s.ball(p + [0.0, 0.0, 0.012], RED, 0.014)
         s.arrow(p, p + [0.0, 0.0, 0.22], RED, 0.01)
-    return s.shoot(q, GLASS)
+    return _feet_shot(s, q)
 
 
 def joint_limits() -> Image.Image:
@@ -258,32 +270,58 @@ def wheel_contact() -> Image.Image:
 
 
 def joint_coupling() -> Image.Image:
-    s, q, state = _dreamer()
-    aim(s, np.array([0.0, 0.0, 1.0]), 1.5, 120.0, -10.0)
-    state.kinematics()
+    """Dreamer bent at its hip: the thorax turns with it, each joint by the same angle."""
+    s, q, _ = _dreamer()
+    aim(s, np.array([0.05, 0.0, 0.95]), 1.75, 90.0, -6.0)
+    hip, thorax = (
+        int(s.robot.joints(name)[0]) for name in ("torso_hip", "torso_thorax")
+    )
+    bent = np.zeros(s.robot.nv)
+    bent[[hip, thorax]] = 0.6
+    q = s.robot.integrate(q, bent, 1.0)
+    s.robot.state(q).kinematics()
     for joint in ("torso_hip", "torso_thorax"):
-        body = s.robot.model.getJointId(joint)
-        p, R = (np.array(x) for x in s.robot.bodies[body][-1])
-        s.arrow(p - 0.2 * R[:, 1], p + 0.3 * R[:, 1], ORANGE, 0.02)
-    return s.shoot(q, SEEN_THROUGH)
+        p = np.array(s.robot.bodies[s.robot.model.getJointId(joint)][-1][0])
+        turned = [
+            p + 0.27 * (np.cos(a) * UP + np.sin(a) * FORWARD) + SIDE
+            for a in np.linspace(0.0, 0.6, 9)
+        ]
+        for one, two in itertools.pairwise(turned):
+            s.line(one, two, ORANGE, 0.012)
+        s.line(p + SIDE, turned[0], SOFT, 0.006)
+        s.line(p + SIDE, turned[-1], ORANGE, 0.006)
+        s.ball(p + SIDE, ORANGE, 0.025)
+    return caption(
+        s.shoot(q, SEEN_THROUGH), "One motor, two joints", "thorax = hip", ORANGE
+    )
 
 
 def collision_avoidance() -> Image.Image:
-    s = studio("g1")
+    """UR5 above a box: its capsules, and the shortest way from them to the box."""
+    s, q, state = arm()
     robot = s.robot
-    q = robot.home
-    robot.state(q).kinematics()
-    aim(s, np.array([0.0, 0.0, 0.75]), 2.3, 150.0)
-    for capsule in robot.capsules:
+    middle, half = np.array([0.42, 0.3, 0.14]), np.array([0.12, 0.1, 0.14])
+    s.box(middle, half, ORANGE, 0.85)
+    ways, capsules = [], robot.capsules
+    state.kinematics()
+    for capsule in capsules:
         p, R = (np.array(x) for x in robot.bodies[capsule.body][-1])
-        s.capsule(
-            p + R @ np.array(capsule.a),
-            p + R @ np.array(capsule.b),
-            BLUE,
-            capsule.radius,
-            0.35,
-        )
-    return s.shoot(q, SEEN_THROUGH)
+        a, b = p + R @ np.array(capsule.a), p + R @ np.array(capsule.b)
+        s.capsule(a, b, BLUE, capsule.radius, 0.35)
+        for share in np.linspace(0.0, 1.0, 200):
+            on_axis = a + share * (b - a)
+            on_box = np.clip(on_axis, middle - half, middle + half)
+            gap = float(np.linalg.norm(on_box - on_axis))
+            surface = on_axis + capsule.radius / gap * (on_box - on_axis)
+            ways.append((gap - capsule.radius, tuple(surface), tuple(on_box)))
+    gap, start, end = min(ways)
+    s.line(np.array(start), np.array(end), RED, 0.012)
+    for place in (start, end):
+        s.ball(np.array(place), RED, 0.018)
+    text = f"nearest pair: {100.0 * gap:.0f} cm"
+    return caption(
+        s.shoot(q, SEEN_THROUGH), "Capsules keep apart from a box", text, RED
+    )
 
 
 def tutorial_arm() -> Image.Image:

@@ -123,13 +123,27 @@ class Studio:
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             self.line(a, b, color, width)
 
-    def shoot(self, q: Vec, opacity: float = 1.0) -> Image.Image:
-        """Picture of a configuration with the marks since the last one; opacity of the robot."""
-        self._model.geom_rgba[1:, 3] = opacity
+    def shoot(
+        self,
+        q: Vec,
+        opacity: float = 1.0,
+        bodies: frozenset[int] = frozenset(),
+        faint: float = 0.04,
+    ) -> Image.Image:
+        """Picture of a configuration with the marks since the last one; opacity of the robot.
+
+        bodies: the subject, all for none; others have the opacity faint.
+        """
+        shown = [
+            int(self._model.body(i + 1).name.split("_")[0])
+            for i in range(self._model.nbody - 1)
+        ]
+        self._model.geom_rgba[1:, 3] = [
+            opacity if not bodies or body in bodies else faint for body in shown
+        ]
         state = self.robot.state(q)
         state.kinematics()
-        for i in range(self._model.nbody - 1):
-            body = int(self._model.body(i + 1).name.split("_")[0])
+        for i, body in enumerate(shown):
             *_, (p, R) = self.robot.bodies[body]
             self._data.mocap_pos[i], self._data.mocap_quat[i] = p, quaternion(R)
         mujoco.mj_forward(self._model, self._data)
@@ -196,7 +210,7 @@ def _room(spec: Any) -> None:
     spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
                      rgb1=[0.97, 0.98, 0.99], rgb2=[0.86, 0.89, 0.93], width=256, height=256)  # fmt: skip
     spec.add_texture(name="tiles", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-                     rgb1=[0.93, 0.94, 0.95], rgb2=[0.89, 0.905, 0.92], width=256, height=256)  # fmt: skip
+                     rgb1=[0.72, 0.74, 0.77], rgb2=[0.66, 0.685, 0.715], width=256, height=256)  # fmt: skip
     tiles = spec.add_material(name="tiles", texrepeat=[2, 2], texuniform=True)
     tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
     spec.worldbody.add_geom(

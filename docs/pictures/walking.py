@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 import hqp
 from hqp.robots.on_mujoco import Plane
@@ -16,10 +16,12 @@ from hqp.walking import Walker
 from hqp.walking.course import Course
 
 from .moving import FPS, save
-from .studio import BLUE, GREEN, ORANGE, Studio, caption
+from .studio import BLUE, FONTS, GREEN, INK, ORANGE, Studio, caption, font
 
 FIGURES = Path(__file__).parents[1] / "figures"
 SIZE, DT = (420, 420), 0.002
+BAND = 46
+"""Height of a frame's caption [px]."""
 START, PUSH, STOP, END = 0.5, 3.1, 6.0, 8.5
 """Times of the start, the push, the stop, and the end of the film [s]."""
 IMPULSE, BLOW = 0.2, 0.1
@@ -90,15 +92,20 @@ def strip(shown: list[Image.Image], run: Run, path: Path) -> Path:
     """Stills side by side, from shortly before the push."""
     times = [frame[0] for frame in run.frames]
     chosen = [
-        shown[int(np.searchsorted(times, PUSH + after))]
+        (after, shown[int(np.searchsorted(times, PUSH + after))])
         for after in (-0.4, 0.1, 0.5, 0.9, 1.5)
     ]
-    sheet = Image.new("RGB", (SIZE[0] * len(chosen), SIZE[1]))
-    for k, image in enumerate(chosen):
-        sheet.paste(image, (k * SIZE[0], 0))
-    sheet.resize((sheet.width // 2, sheet.height // 2)).convert(
-        "P", palette=Image.Palette.ADAPTIVE
-    ).save(path)
+    width, height = SIZE[0] // 2, SIZE[1] // 2
+    sheet = Image.new("RGB", (width * len(chosen), height), "white")
+    draw = ImageDraw.Draw(sheet)
+    for k, (after, image) in enumerate(chosen):
+        below = image.crop(
+            (0, BAND, *SIZE)
+        )  # without the film's caption, too small here
+        sheet.paste(below.resize((width, height - BAND // 2)), (k * width, BAND // 2))
+        said = "push" if 0.0 <= after <= BLOW else f"{after:+.1f} s"
+        draw.text((k * width + 8, 2), said, font=font(FONTS[0], 15), fill=INK)
+    sheet.convert("P", palette=Image.Palette.ADAPTIVE).save(path)
     return path
 
 
