@@ -1,4 +1,4 @@
-"""One thread of BLAS in each process of tests, as in the control loop (set before numpy is imported); no deadlines."""
+"""One BLAS thread in each test process, as in the control loop (set before numpy is imported); no deadlines."""
 
 import os
 
@@ -7,7 +7,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 
 def pytest_configure() -> None:
-    """Examples of hypothesis may take any time: the machine may be busy."""
+    """Set no time limit for examples of hypothesis: the machine may be busy."""
     from hypothesis import HealthCheck, settings
 
     settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])

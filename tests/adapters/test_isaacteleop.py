@@ -51,7 +51,7 @@ class Arm:
         return ComputeContext(GraphTime(now, now), ExecutionEvents(reset, state))
 
     def run(self, shift: Any, **about: Any) -> Any:
-        """A frame with the hand's pose as their float32, absent for None; the targets of the joints."""
+        """A frame with the hand's pose as float32 in their layout, absent for None; the targets of the joints."""
         spec = self.node.input_spec()["right"]
         group = OptionalTensorGroup(spec)
         if shift is not None:

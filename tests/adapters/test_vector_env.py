@@ -62,7 +62,7 @@ def test_worlds_stand_end_and_begin_anew_whatever_the_threads() -> None:
 def test_servos_carry_out_velocities_and_accelerations(
     name: str, frame: str, far: float, formulation: hqp.Velocity
 ) -> None:
-    """MuJoCo's hands arrive where the action puts them, but for the sag of the servos: an arm, and CBi on its feet."""
+    """MuJoCo's hands reach the places of the action, up to the sag of the servos: an arm, and CBi on its feet."""
     from hqp.adapters.gym import VectorEnv
     from hqp.robots import Servo
 

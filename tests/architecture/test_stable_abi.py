@@ -1,4 +1,4 @@
-"""The bindings keep to Python's limited API, for one wheel serves 3.12 and every later version."""
+"""The bindings use Python's limited API, so that one wheel serves 3.12 and every later version."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def test_length() -> None:
 
 
 def test_no_subject_passes() -> None:
-    """A branch without commits of its own."""
+    """A branch without own commits."""
     assert not refused("")
 
 

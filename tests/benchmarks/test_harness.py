@@ -1,4 +1,4 @@
-"""The harness: a row that measured nothing fails, a failing row is an exit status, numbers are as promised."""
+"""The harness: a row without a measurement fails, a failed row sets the exit status, numbers are as promised."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_an_unknown_part_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
 
 @dataclass(frozen=True)
 class _Unasked(solvers.Solver):
-    """Wraps a back end in name only: the projector answers, and no iteration is ever spent."""
+    """Wrap a back end in name only: the projector answers, without any iteration."""
 
     name = "unasked"
     accuracy = 1e-8

@@ -1,4 +1,4 @@
-"""A visitor who turns the scene up as far as the mouse goes does not get below the floor."""
+"""A visitor who turns the scene up to the end stays above the floor."""
 
 from __future__ import annotations
 

@@ -54,9 +54,9 @@ Object.defineProperty(navigator, "xr", { value: {
 
 
 def recording() -> list[dict[str, Any]]:
-    """Two seconds at 72 Hz: the right hand goes 20 cm ahead with its grip squeezed, then 50 cm up with it open.
+    """Two seconds at 72 Hz: the right hand moves 20 cm ahead with its grip squeezed, then 50 cm up with it open.
 
-    In between its pose is guessed for a while, and wrong.
+    In between its pose is estimated for a while, and wrong.
     """
     frames = []
     for i in range(144):
@@ -71,7 +71,7 @@ def recording() -> list[dict[str, Any]]:
 
 
 def follow_page(script: str, act: Any, seconds: float) -> tuple[np.ndarray, np.ndarray, set[str]]:
-    """The hand of UR5 from tick to tick ``(n, 3)`` [m], speeds of its joints, notes; act: done in the tab."""
+    """Hand of UR5 by tick ``(n, 3)`` [m], speeds of its joints, notes; act: actions in the tab."""
     api = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:
         pytest.skip("no Chromium")
@@ -110,7 +110,7 @@ def test_a_recorded_headset_moves_the_hand() -> None:
     script = HEADSET.replace("RECORDING", json.dumps(recording()))
     places, speeds, notes = follow_page(script, lambda tab: tab.click("text=Enter XR"), 4.0)
     moved = places[-1] - places[0]
-    assert moved[0] == pytest.approx(0.2, abs=0.01)  # ahead, nothing of the way up
+    assert moved[0] == pytest.approx(0.2, abs=0.01)  # ahead, without the motion up
     assert np.abs(moved[1:]).max() < 0.01
     assert np.abs(np.diff(speeds, axis=0)).max() < 0.2 + 1e-9
     assert any("clutch is open" in note for note in notes)

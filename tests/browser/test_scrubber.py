@@ -1,4 +1,4 @@
-"""The page of a retargeted motion in a real browser: a person beside the robot, and a slider over the frames."""
+"""Page of a retargeted motion in a real browser: a person next to the robot, and a slider over the frames."""
 
 from __future__ import annotations
 

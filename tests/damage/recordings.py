@@ -20,7 +20,7 @@ SHAPES = ((), (0,), (2**40,), (10**8, 10**8), (-1,), (1, 2, 3, 4), (3, 0, 2**50)
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
-    """The file of a recording, damaged in one to three places."""
+    """Damage the file of a recording in one to three places."""
     if rng.random() < 0.2:
         return text.bytes_of(data, rng)
     with zipfile.ZipFile(io.BytesIO(data)) as file:
@@ -43,7 +43,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
 
 
 def _value(told: Any, rng: random.Random) -> None:
-    """Replace, take away or double a value somewhere in JSON."""
+    """Replace, remove or double a value somewhere in JSON."""
     while True:
         keys = list(told) if isinstance(told, dict) else list(range(len(told)))
         key = rng.choice(keys)
@@ -62,7 +62,7 @@ def _value(told: Any, rng: random.Random) -> None:
 
 
 def _array(content: bytes, rng: random.Random) -> bytes:
-    """Another header, other numbers, or fewer bytes."""
+    """Change the header or the numbers, or drop bytes."""
     try:
         array = np.load(io.BytesIO(content))
     except Exception:  # damaged before

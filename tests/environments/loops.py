@@ -13,11 +13,11 @@ from tests.scenes.stacks import scene
 LOOPS = (("ur5", "velocity"), ("g1", "acceleration"), ("talos", "torque"))
 TICKS = 300
 REACH = 5e-3
-"""The hand ends within this of its target, 5 cm away [m]."""
+"""Largest final distance of the hand from its target, which is 5 cm away [m]."""
 
 
 def loop(name: str, formulation: str) -> float:
-    """The hand's distance from its target after the loop [m]; raises AssertionError for a tick without an optimum."""
+    """Distance of the hand from its target after the loop [m]; raises AssertionError for a tick without an optimum."""
     session, _ = scene(name, formulation)
     robot = session.robot
     (hand,) = (element for element in session.controller.stack if element.name == "hand")
@@ -31,7 +31,7 @@ def loop(name: str, formulation: str) -> float:
 
 
 def main() -> int:
-    """Run all; 1 for a hand that does not arrive."""
+    """Run all; return 1 if a hand does not arrive."""
     about = {"pin": "pin", "numpy": "numpy", "scipy": "scipy"}
     print("hqp", hqp.__file__, *(f"{name} {importlib.metadata.version(name)}" for name in about))
     far = {f"{name} {kind}": loop(name, kind) for name, kind in LOOPS}

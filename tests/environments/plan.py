@@ -1,4 +1,4 @@
-"""Write the plan that an environment with numpy alone steps: python -m tests.environments.plan FILE."""
+"""Write the plan for an environment with numpy alone: python -m tests.environments.plan FILE."""
 
 import sys
 

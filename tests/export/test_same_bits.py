@@ -1,4 +1,4 @@
-"""A session from a file gives the numbers of the session that wrote it, to the last bit, and its notes."""
+"""A session from a file reproduces the numbers of its writer to the last bit, and its notes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 def replay(
     session: hqp.Session, given: Given, ticks: int, look: Callable[[hqp.Tick], object] = lambda tick: None
 ) -> None:
-    """Both take the same states; hold values are Pinocchio's on the one side, so that they are handed over."""
+    """Both get the same states; hold values come from Pinocchio on one side, so they are copied."""
     file = LoadedSession(text(session))
     robot = session.robot
     q, v = robot.home.copy(), np.zeros(robot.nv)
@@ -45,7 +45,7 @@ def replay(
 
 
 def target(reference: hqp.Reference) -> Any:
-    """Value, velocity and acceleration, as many as there are."""
+    """Value, velocity and acceleration, if given."""
     return tuple(x for x in (reference.value, reference.velocity, reference.acceleration) if x is not None)
 
 
@@ -93,7 +93,7 @@ def test_answers_that_were_cut_too(formulation: str, most: int) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_constraints_that_cannot_be_met_too(formulation: str) -> None:
-    """One hand has to go where it cannot; the other one, which may not, is too far away as well."""
+    """One hand has an unreachable target; the other one, constrained, is too far away as well."""
     robot = hqp.robots.load("g1")
     feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
     right, left = (t.Position(frame=palm) for palm in robot.landmarks["palms"])
@@ -109,7 +109,7 @@ def test_constraints_that_cannot_be_met_too(formulation: str) -> None:
 
 
 def test_contacts_that_depend_on_each_other_too() -> None:
-    """A sole that is declared twice: the forces of both are those of least norm, and the motion is that of one."""
+    """A sole declared twice: both forces are those of least norm, and the motion is that of one sole."""
     robot = hqp.robots.load("g1")
     feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
     again = t.FixedContact(frame=feet[0].frame, name="again")

@@ -41,7 +41,7 @@ def test_a_signed_plan_is_loaded_with_its_key_and_with_none(session: Any, robot:
 
 
 def test_the_signature_is_that_of_the_standard_library(session: Any) -> None:
-    """At all lengths about a block of SHA-256, of the key as of the body."""
+    """All lengths around a block of SHA-256, for the key and the body."""
     for key in (KEY, b"\0", *(bytes(range(n)) for n in (55, 56, 63, 64, 65, 127, 128, 200))):
         file = text(session, key=key)
         head, body = file.split(b"\n", 1)
@@ -64,7 +64,7 @@ def test_other_keys_no_signature_and_changes_are_refused(session: Any) -> None:
         with pytest.raises(HqpError, match="another key"):
             LoadedSession(signed, other)
     head, body = signed.split(b"\n", 1)
-    for _ in range(20):  # forged: the hash is made anew
+    for _ in range(20):  # forged with a recomputed hash
         at = int(rng.integers(len(body)))
         forged = body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
         first = head.replace(f"{fnv1a(body):016x}".encode(), f"{fnv1a(forged):016x}".encode())

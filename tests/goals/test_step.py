@@ -71,4 +71,4 @@ def test_a_home_that_was_set_anew_counts(panda: Any) -> None:
     hqp.solve_ik(robot, None, [Level(HAND)], 0.01, goal)
     robot.set_home(robot.home + 0.1)
     found = hqp.solve_ik(robot, None, [Level(HAND)], 0.01, goal)
-    assert np.abs(found).max() > 0.1  # from the old home there is no way to go
+    assert np.abs(found).max() > 0.1  # the old home leaves no distance

@@ -1,4 +1,4 @@
-"""Rounding does not matter: noise of 1e-13 in every number, other kernels, threads, and ticks before."""
+"""Rounding does not matter: noise of 1e-13 in every number, other kernels, threads, and earlier ticks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.invariance.scenes import KINDS, catalogue, off
 
 NOISE = 1e-13
 LIPSCHITZ = 1e-6
-"""Largest change of a command by such noise, of the largest command."""
+"""Largest change of a command by this noise, relative to the largest command."""
 
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 20))]
 

@@ -1,4 +1,4 @@
-"""A loop at half the period carries out nearly the same motion: first order in dt."""
+"""A loop at half the period executes nearly the same motion: first order in dt."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_halving_the_period_halves_the_error(kind: str, seed: int) -> None:
-    """At velocity level within reach: the acceleration window holds a step of one period, so that beyond reach a level
-    that it cuts depends on the period."""
+    """At velocity level within reach only: the acceleration window holds a step of one period, so that a level cut by
+    it depends on the period."""
     scene = catalogue(np.random.default_rng([seed, KINDS.index(kind)]), kind, ticks=100, dt=0.008)
     if kind == "velocity":
         scene = scene.but(reach=0.05)

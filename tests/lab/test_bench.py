@@ -87,7 +87,7 @@ def test_the_page_is_whole_in_itself(result: Bench, tmp_path: Path) -> None:
     assert "Residual of every level" in html
     assert not re.search(r'<(script|link)[^>]+(src|href)="http', html)
     prose = re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL)
-    assert "{" not in re.sub(r"<style>.*?</style>", "", prose, flags=re.DOTALL)  # no dictionary as Python prints it
+    assert "{" not in re.sub(r"<style>.*?</style>", "", prose, flags=re.DOTALL)  # no dictionary in Python's format
     assert max(row.count("<th>") for row in re.findall(r"<tr>.*?</tr>", prose)) <= 10  # fits on the page
     assert {"over limit", "reversals/s"} <= set(re.findall(r"<th>(.*?)</th>", prose))
 

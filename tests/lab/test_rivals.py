@@ -1,4 +1,4 @@
-"""The comparison with rivals, without installing one: the robot they are given, the job, the loop, the figures."""
+"""Comparison with rivals, without their packages: robot, job, loop, figures."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_scenes_are_what_they_say() -> None:
     assert np.max((angles - outside.upper)[robot.joints(None)]) == pytest.approx(0.1)
     narrow = scene("limit", robot, STACK).robot
     assert np.max((narrow.upper - narrow.lower)[robot.joints(None)]) <= 0.1 + 1e-12
-    assert np.max((robot.upper - robot.lower)[robot.joints(None)]) > 1.0  # the original is left alone
+    assert np.max((robot.upper - robot.lower)[robot.joints(None)]) > 1.0  # the original is unchanged
     held = scene("infeasible", robot, STACK).held
     assert np.linalg.norm(held["held here"] - held["held there"]) == pytest.approx(0.02)
     assert "l_sole again" in scene("redundant", robot, STACK).stack

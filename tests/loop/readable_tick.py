@@ -1,6 +1,6 @@
-"""A reference tick in Python over elements, programs and solvers, for comparison with the native tick.
+"""Reference tick in Python over elements, programs and solvers, for comparison with the native tick.
 
-    a state, references in place of hold values  ->  rows  ->  a solver  ->  x, as it is or towards rest
+    a state, references in place of hold values  ->  rows  ->  a solver  ->  x, unchanged or towards rest
 
 It guards against references and rows that are not finite, and against speeds beyond the model's limits at velocity
 level, and nothing else.
@@ -54,7 +54,7 @@ class ReadableSession:
         self.x: Vec | None = None
 
     def step(self, q: Vec, v: Vec, *references: Reference) -> ReadableTick:
-        """One tick for a state; references are good for it alone."""
+        """One tick for a state; references apply to this tick alone."""
         state = self.robot.state(q, v)
         if not state.valid:
             return ReadableTick(Status.INVALID_STATE, None, None, ())
@@ -77,7 +77,7 @@ class ReadableSession:
         return ReadableTick(status, self.x, solution, blamed)
 
     def _within_speeds(self, x: Vec, before: Vec) -> Vec:
-        """x scaled down to the speed limits of the motors; faster ones get no faster than before."""
+        """x scaled down to the speed limits of the motors; motors beyond their limit do not speed up."""
         if self.program.kind != "velocity":
             return x.copy()
         motors = self.robot.actuated
@@ -99,7 +99,7 @@ class ReadableSession:
                 self.holds[element.name] = copied(element.hold(state))
 
     def _fill(self, state: Any, given: dict[str, Reference]) -> tuple[tuple[str, ...], bool]:
-        """Rows of all elements; names of those whose numbers are not usable, and whether a reference is to blame."""
+        """Rows of all elements; names of elements with unusable numbers, and true if a reference is the cause."""
         current, told = self._current(given)
         self.program.fill(state, current, told)
         broken = self.program.unusable()

@@ -1,4 +1,4 @@
-"""Objects of a tick: one of Python with its record, no reference cycles, no growth of memory."""
+"""Objects of a tick: one Python object with its record, no reference cycles, no growth of memory."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KINDS = {
 
 
 def stepped(kind: str, formulation: Any) -> Iterator[Callable[[], Any]]:
-    """Yield one step after the other, with its state and references made."""
+    """Yield steps, each with its state and references prepared."""
     robot, hand = hqp.robots.load("ur5"), Position(frame="tool0", name="hand")
     posture = ArmOnly(frame="tool0", name="own") if kind == "user element" else Posture(name="own")
     solver = Lexicographic(max_iterations=1 if kind == "cut" else 1000)
@@ -42,7 +42,7 @@ def stepped(kind: str, formulation: Any) -> Iterator[Callable[[], Any]]:
     q, v, start = robot.home.copy(), np.zeros(robot.nv), robot.state().position("tool0")
     offset, i = KINDS[kind][0] * (0.05 if kind == "cut" and formulation.order == 1 else 1.0), 0
     while True:
-        sign = -1.0 if kind == "cut" and i % 2 else 1.0  # no working set of the tick before fits
+        sign = -1.0 if kind == "cut" and i % 2 else 1.0  # no working set of an earlier tick fits
         target = start + sign * offset * np.array([math.sin(0.01 * i), 1.0, 0.3])
         state = robot.state(q * math.nan if kind == "held" else q, v)
         given, made = hand.at(target), []
@@ -89,7 +89,7 @@ def test_no_cycles_and_no_growth(kind: str, formulation: Any, ticks: int) -> Non
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("kind", ["in reach", "out of reach"])
 def test_a_tick_is_one_object_and_its_numbers(kind: str, formulation: Any) -> None:
-    """Tracked objects that a step leaves: the tick, its notes to come, sequences of references, views of numbers."""
+    """Tracked objects that remain after a step: the tick, its lazy notes, sequences of references, views of numbers."""
     steps = stepped(kind, formulation())
     for _ in range(200):
         next(steps)()

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 
 @dataclass(frozen=True, kw_only=True)
 class Wall(Inequality):
-    """A user's bound."""
+    """User bound."""
 
     frame: str
     offset: float
@@ -56,7 +56,7 @@ MIXED = Stack(
 
 
 def pair(stack: Stack, formulation: Any, **options: Any) -> tuple[Any, Any]:
-    """A session, and the readable one on a robot of its own."""
+    """A session, and the readable one on a separate robot."""
     robot = hqp.robots.load("cbi")
     controller = hqp.Controller(stack, formulation, deadline=np.inf, **{"price": 0, **options})
     return controller.session(robot, 0.002), ReadableSession(controller, robot.copy(), 0.002)
@@ -85,7 +85,7 @@ def test_ticks_are_the_readable_ones(stack: Stack, formulation: Any) -> None:
     rng, q, v = np.random.default_rng(1), fast.robot.home, np.zeros(fast.robot.nv)
     seen = set()
     for k in range(120):
-        if k == 70:  # another state than the command led to
+        if k == 70:  # not the state that the command led to
             v = 0.01 * rng.normal(size=v.size)
         given = references(rng, stack, fast.robot.state(q, v), formulation.order)
         one, other = fast.step(fast.robot.state(q, v), *given), slow.step(q, v, *given)
@@ -115,7 +115,7 @@ def test_strides_of_a_reference_do_not_matter() -> None:
 
 @pytest.mark.parametrize("limits", [(t.JointLimits(),), ()], ids=["limits", "no limits"])
 def test_ticks_with_prices_are_the_readable_ones(limits: tuple[hqp.Element, ...]) -> None:
-    """A hand that goes out of reach and comes back: ticks whose exact answer stands, and ticks of stages."""
+    """A hand target leaves the reach and returns: ticks that keep the exact answer, and ticks of stages."""
     robot = hqp.robots.load("ur5")
     hand = t.Pose(frame="tool0")
     controller = hqp.Controller(Stack(Level(hand), Level(t.Posture()), subject_to=limits), deadline=np.inf)
@@ -127,7 +127,7 @@ def test_ticks_with_prices_are_the_readable_ones(limits: tuple[hqp.Element, ...]
         goal[0, 3] += 1.5 * max(0.0, np.sin(2.0 * np.pi * k / 200))
         one, other = fast.step(robot.state(q, v), hand.at(goal)), slow.step(q, v, hand.at(goal))
         staged.append(other.solution.stage_points is not None)
-        np.testing.assert_allclose(one.x, other.x, rtol=0.0, atol=1e-10)  # kinematics of their own: to rounding
+        np.testing.assert_allclose(one.x, other.x, rtol=0.0, atol=1e-10)  # separate kinematics: to rounding
         assert one.status is other.status
         assert (one.solution.stage_points is not None) == staged[-1]
         if staged[-1]:
@@ -228,7 +228,7 @@ def test_torque_ticks_are_the_readable_ones(price: Any) -> None:
         Level(t.Com(name="com", law=hqp.PD(50.0))),
         Level(hand),
         Level(t.Posture(law=hqp.PD(30.0))),
-        *([Level(effort)] if price == 0 else []),  # never met, so that with a price all ticks would be of stages
+        *([Level(effort)] if price == 0 else []),  # never met: with a price all ticks would be of stages
         subject_to=[
             *(t.FixedContact(frame=sole) for sole in soles),
             t.TorqueLimits(),

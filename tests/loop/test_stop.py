@@ -1,4 +1,4 @@
-"""A stop brings every robot to rest at every level and holds it, until it is resumed."""
+"""A stop brings every robot to rest at every level and holds it until resume."""
 
 from __future__ import annotations
 

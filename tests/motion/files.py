@@ -1,4 +1,4 @@
-"""Files of a made-up person: any naming, axes, rate, unit and joint axes."""
+"""Files of a synthetic person: any naming, axes, rate, unit and joint axes."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ SCHEMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "estimate": ("{S}{}", ("Hip", "Knee", "Foot", "", "Shoulder", "Elbow", "Wrist")),
     "estimate_": ("{side}_{}", ("hip", "knee", "ankle", "", "shoulder", "elbow", "wrist")),
 }
-"""By name: the pattern of a joint's name with its side, and the names; an empty one is not recorded."""
+"""By scheme: pattern of a joint's name with its side, and the names; joints with an empty name are not recorded."""
 
 UPS = ("x", "y", "z", "-x", "-y", "-z")
 RATES = (24000 / 1001, 24.0, 25.0, 30000 / 1001, 30.0, 50.0, 60000 / 1001, 60.0, 90.0, 100.0, 120.0, 240.0)
 
 
 def renamed(motion: Motion, scheme: str) -> tuple[Motion, dict[str, str]]:
-    """The motion in another naming, without joints that it does not have; and the name of each part."""
+    """Rename the joints of a motion, without joints missing in the scheme; return also the name of each part."""
     pattern, own = SCHEMES[scheme]
     names, parts = [], {}
     limbs = ("hip", "knee", "ankle", "toe", "shoulder", "elbow", "hand")
@@ -58,18 +58,18 @@ def renamed(motion: Motion, scheme: str) -> tuple[Motion, dict[str, str]]:
 
 
 def laid(motion: Motion, up: str) -> Motion:
-    """The motion, z up so far, in axes of which ``up`` is up."""
+    """Convert a motion with z up to axes in which ``up`` is up."""
     found = next(R for R in Rotation.create_group("O").as_matrix() if np.allclose(R @ [0, 0, 1], _axis(up)))
     return Motion(motion.names, motion.positions @ found.T, motion.fps, motion.parents)
 
 
 def mirrored(motion: Motion) -> Motion:
-    """The motion behind a mirror, whose names stay."""
+    """Mirror the motion, but keep the names."""
     return Motion(motion.names, motion.positions * (1.0, -1.0, 1.0), motion.fps, motion.parents)
 
 
 def strolling(rng: np.random.Generator, fps: float = 30.0) -> Motion:
-    """A person who walks in any direction, from any place on the floor."""
+    """A person on a walk in any direction, from any place on the floor."""
     motion = walk(1.5, float(rng.uniform(0.3, 0.6)), fps)
     turn = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)]).as_matrix()
     places = motion.positions @ turn.T + [*rng.uniform(-2.0, 2.0, 2), 0.0]
@@ -77,7 +77,7 @@ def strolling(rng: np.random.Generator, fps: float = 30.0) -> Motion:
 
 
 def write_turning_bvh(path: Path, motion: Motion, rng: np.random.Generator, digits: int = 6) -> Path:
-    """A BVH file in the motion's axes, whose joints turn at random and have their channels in any order."""
+    """Write a BVH file in the motion's axes, with random rotations of joints and channels in any order."""
     count, frames = len(motion.names), len(motion)
     turns = [Rotation.random(frames, random_state=int(rng.integers(1 << 30))) for _ in range(count)]
     lines, columns = ["HIERARCHY"], []

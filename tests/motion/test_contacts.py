@@ -1,4 +1,4 @@
-"""When limbs of a person rest."""
+"""Phases of rest of a person's limbs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots that no catalogue names: soles by their lowest shapes, a report by all shapes of the feet."""
+"""Robots outside the catalogue: soles by their lowest shapes, a report by all shapes of the feet."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_nothing_is_below_the_floor(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_report_is_about_shapes_not_the_map(tmp_path: Path) -> None:
-    """A map whose soles are 50 mm too high: the shapes are below the floor, and the report has their depth."""
+    """The soles of the map are 50 mm too high: the shapes are below the floor, and the report has their depth."""
     path = _humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.08)
     robot = hqp.robots.load(path)
     found = suggest_map(robot)
@@ -135,7 +135,7 @@ def test_a_start_that_leans_is_worse_than_hands_a_little_off() -> None:
 
 
 def test_a_leaning_trunk_is_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A person who bends sideways by 80 degrees, on a robot whose waist cannot."""
+    """A person bends sideways by 80 degrees; the robot's waist cannot."""
     motion = stand(0.4)
     places = motion.positions.copy()
     upper = [k for k, name in enumerate(motion.names) if "Arm" in name or "Hand" in name]

@@ -1,4 +1,4 @@
-"""Motions from files, and which joint is which part of a person."""
+"""Motions from files, and the mapping of joints to parts of a person."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_up_is_told_by_the_person(tmp_path: Path) -> None:
 
 
 def test_parameters_of_a_body_model(tmp_path: Path) -> None:
-    """A model whose vertices are its joints, in a row, each half a metre above its parent."""
+    """A model with its joints as vertices, in a row, each half a metre above its parent."""
     count, rng = len(SMPLX), np.random.default_rng(0)
     rests = rng.normal(size=(count, 3))
     parents = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19]

@@ -1,4 +1,4 @@
-"""Faults are where code is, one place each, and every operator makes some."""
+"""Faults lie in code, one place each, and every operator makes some."""
 
 from __future__ import annotations
 

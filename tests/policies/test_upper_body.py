@@ -1,4 +1,4 @@
-"""Arms above legs of another controller: hand-over, limits, distances, loads, outputs, by judges that are not ours."""
+"""Arms above legs of another controller: hand-over, limits, distances, loads, outputs, by independent judges."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def made(robot: Robot, output: str, **fields: Any) -> Any:
 @pytest.mark.parametrize("output", OUTPUTS)
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_the_first_command_continues_from_what_is_measured(name: str, output: str) -> None:
-    """Drawn postures: the joints one period later are within 1e-3 rad, the torque of the target is the stack's."""
+    """Drawn postures: after one period the joints are within 1e-3 rad, and the torque of the target is the stack's."""
     robot, rng = load(name), np.random.default_rng(0)
     clear = 0
     for width in (0.1, 0.05, 0.0):
@@ -41,7 +41,7 @@ def test_the_first_command_continues_from_what_is_measured(name: str, output: st
         state = robot.state(q)
         near = arms.session.stack.find("collision").near(state)
         apart = all(n is None or n.distance >= n.clearance for n in near)
-        most, clear = (1e-3, clear + 1) if apart else (1e-2, clear)  # from inside a clearance it leaves at once
+        most, clear = (1e-3, clear + 1) if apart else (1e-2, clear)  # it leaves a violated clearance at once
         before = state.angles[arms.columns].copy()
         goals = [hand.at(hand.value(state)) for hand in arms.hands]
         tick = arms.step(state, *goals)
@@ -57,7 +57,7 @@ def test_the_first_command_continues_from_what_is_measured(name: str, output: st
 
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_drawn_goals_above_moving_legs(name: str) -> None:
-    """Hands sent anywhere while legs and base move: ranges and speeds hold, and no hand touches a leg, by coal."""
+    """Hand targets anywhere while legs and base move: ranges and speeds hold, and no hand touches a leg, by coal."""
     robot, rng = load(name), np.random.default_rng(1)
     arms = made(robot, "velocities")
     legs = np.setdiff1d(np.arange(robot.nv), arms.columns)

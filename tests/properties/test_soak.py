@@ -1,4 +1,4 @@
-"""The soak ends where a level above has moved."""
+"""The soak fails if a level above has moved."""
 
 from __future__ import annotations
 

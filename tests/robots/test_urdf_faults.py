@@ -1,4 +1,4 @@
-"""Faults of a URDF are reported with file, line and element; files are known by their content; names that clash."""
+"""Faults of a URDF are reported with file, line and element; content identifies files; names may clash."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Drawn:
         self.lines.append("</robot>")
 
     def find(self, start: str) -> int:
-        """Index of a drawn line that starts so."""
+        """Index of a drawn line with this beginning."""
         return int(self.rng.choice([i for i, line in enumerate(self.lines) if line.startswith(start)]))
 
     def element(self, at: int) -> str:
-        """The link or joint that a line belongs to, as messages name it."""
+        """The link or joint around a line, as messages name it."""
         head = next(line for line in reversed(self.lines[: at + 1]) if line.startswith(("<link", "<joint")))
         return f"{head[1:].split()[0]} '{head.split(chr(34))[1]}'"
 
@@ -57,7 +57,7 @@ def change(drawn: Drawn, start: str, old: str, new: str) -> int:
 
 
 def removed(drawn: Drawn, start: str) -> int:
-    """Take a line out: the fault is that of the element around it."""
+    """Remove a line: the fault is reported for the element around it."""
     at = drawn.find(start)
     del drawn.lines[at]
     return next(i for i in range(at, 0, -1) if drawn.lines[i].startswith(("<joint", "<inertial")))

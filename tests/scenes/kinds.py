@@ -1,7 +1,7 @@
-"""Kinds of random hierarchies on which active sets have gone wrong: scales, near-parallel rows, vertices, sequences.
+"""Kinds of random hierarchies on which active sets have failed: scales, near-parallel rows, vertices, sequences.
 
-A kind is a function of a random generator that gives a sequence of problems of one shape, to be solved one after the
-other in one workspace; most are of length one.
+A kind is a function of a random generator that returns a sequence of problems of one shape, to be solved in order in
+one workspace; most are of length one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tests.scenes import random_hierarchies
 Kind = Callable[[Generator], list[Hierarchy]]
 KINDS: dict[str, Kind] = {}
 DEGENERATE = {"vertex", "cone_apex", "integers", "duplicates", "conflicts", "near_parallel"}
-"""Kinds whose problems are degenerate on purpose."""
+"""Degenerate kinds."""
 
 
 def kind(make: Kind) -> Kind:
@@ -43,7 +43,7 @@ def rows(A: Mat, b: Vec, rng: Generator, share: float) -> Rows:
 
 
 def box(rng: Generator, n: int) -> Rows:
-    """Two-sided bounds on some variables, a corner of them at zero now and then."""
+    """Two-sided bounds on some variables, sometimes with a corner at zero."""
     index = np.sort(rng.permutation(n)[: rng.integers(1, n + 1)])
     limit = rng.uniform(0.1, 2.0, size=index.size)
     lower = np.where(rng.random(index.size) < 0.2, 0.0, -limit)
@@ -78,7 +78,7 @@ def plain(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def near_parallel(rng: Generator) -> list[Hierarchy]:
-    """Rows that repeat earlier ones but for 1e-3 to 1e-12."""
+    """Rows that repeat earlier ones up to 1e-3 to 1e-12."""
     n = int(rng.integers(2, 12))
     levels, seen = [], rng.normal(size=(1, n))
     for _ in range(int(rng.integers(2, 6))):
@@ -95,7 +95,7 @@ def near_parallel(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def row_scales(rng: Generator) -> list[Hierarchy]:
-    """Rows of one level whose norms differ by up to 1e12."""
+    """Rows of one level with norms that differ by up to 1e12."""
     n = int(rng.integers(2, 15))
     levels = [box(rng, n)] if rng.random() < 0.4 else []
     for _ in range(int(rng.integers(1, 5))):
@@ -108,7 +108,7 @@ def row_scales(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def zero_rows(rng: Generator) -> list[Hierarchy]:
-    """Rows of no direction among rows of one level whose norms differ by up to 1e12; all goals can be met."""
+    """Zero rows among rows of one level with norms that differ by up to 1e12; all goals can be met."""
     n, levels = int(rng.integers(2, 9)), []
     for _ in range(int(rng.integers(1, 5))):
         m = int(rng.integers(2, 7))
@@ -122,7 +122,7 @@ def zero_rows(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def level_scales(rng: Generator) -> list[Hierarchy]:
-    """Levels whose norms differ by up to 1e12."""
+    """Levels with norms that differ by up to 1e12."""
     n = int(rng.integers(2, 15))
     levels = [box(rng, n)] if rng.random() < 0.4 else []
     for _ in range(int(rng.integers(1, 6))):
@@ -198,7 +198,7 @@ def integers(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def duplicates(rng: Generator) -> list[Hierarchy]:
-    """Rows again, in one level and the next, at the same or another bound, or turned round."""
+    """Duplicate rows, in one level and the next, at the same or another bound, or with the opposite sign."""
     n = int(rng.integers(1, 12))
     pool = rng.normal(size=(int(rng.integers(1, 8)), n))
     levels = [box(rng, n)] if rng.random() < 0.5 else []
@@ -265,7 +265,7 @@ def tiny(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def sequence(rng: Generator) -> list[Hierarchy]:
-    """A whole-body stack whose rows and targets drift, as in a control loop, under bounds."""
+    """A whole-body stack with rows and targets that drift, as in a control loop, under bounds."""
     n = int(rng.integers(6, 25))
     sizes = [int(rng.integers(1, 5)) for _ in range(int(rng.integers(2, 5)))]
     A = [rng.normal(size=(m, n)) for m in sizes]

@@ -33,7 +33,7 @@ def _numbers(x: Sequence[float] | Vec) -> str:
 
 
 def _link(name: str, start: Vec, end: Vec, parent: Vec, joints: Sequence[tuple[str, Vec]], inside: str = "") -> str:
-    """A rod from ``start`` to ``end`` in the world, hung at ``start`` on a body whose origin is ``parent``."""
+    """A rod from ``start`` to ``end`` in the world, attached at ``start`` to a body with origin ``parent``."""
     hinges = "".join(f'<joint name="{j}" axis="{_numbers(axis)}"/>' for j, axis in joints)
     rod = f'<geom type="capsule" size="0.02" fromto="0 0 0 {_numbers(end - start)}"/>'
     return f'<body name="{name}" pos="{_numbers(start - parent)}">{hinges}{rod}{inside}</body>'

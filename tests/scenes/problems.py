@@ -1,4 +1,4 @@
-"""The stored problem sets as hierarchies; see data/problems/README.md."""
+"""Stored problem sets as hierarchies; see data/problems/README.md."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ FOLDER = Path(__file__).with_name("data") / "problems"
 
 
 def names() -> tuple[str, ...]:
-    """The sets there are, in alphabetical order."""
+    """Names of the sets, in alphabetical order."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.npz")))
 
 
 def load(name: str, limit: int | None = None, selections: bool = True) -> tuple[Hierarchy, ...]:
-    """The problems of a set, the first ``limit`` of them.
+    """Problems of a set, the first ``limit`` of them.
 
-    selections: write a level whose rows are all simple bounds as a Selection, as a session does.
-    Raises FileNotFoundError, naming the sets there are, for an unknown name.
+    selections: write a level of simple bounds as a Selection, as a session does. Raises FileNotFoundError with the
+    names of the sets for an unknown name.
     """
     path = FOLDER / f"{name}.npz"
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""Random hierarchies that are hard on purpose: a seed gives one problem."""
+"""Hard random hierarchies: a seed gives one problem."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _bounds(rng: Generator, n: int) -> Rows:
 def _level(rng: Generator, n: int, above: Mat | None, whole: bool) -> tuple[Rows, Mat]:
     m = int(rng.integers(1, max(2, min(n, 25) + 1))) if rng.random() < 0.7 else int(rng.integers(1, 5))
     A = _matrix(rng, m, n, whole)
-    if above is not None and rng.random() < 0.4:  # rows of the level above again, or against it
+    if above is not None and rng.random() < 0.4:  # repeat rows of the level above, or oppose them
         again = rng.integers(0, len(above), size=max(1, m // 2))
         A[: again.size] = above[again] * (1.0 if rng.random() < 0.5 else -1.0)
         if rng.random() < 0.3 and len(above) > 1:

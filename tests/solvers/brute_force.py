@@ -1,4 +1,4 @@
-"""Norms of a small hierarchy by trying every side of every row: nothing here is shared with a solver."""
+"""Norms of a small hierarchy by trying every side of every row, without code of a solver."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ NEAR = 1e-9
 
 
 def norms(problem: Hierarchy) -> Vec:
-    """||w_k|| of every level ``(levels,)``; the first level must bound every variable, so that optima have vertices.
+    """|w_k|| of every level ``(levels,)``; the first level must bound every variable, so that optima have vertices.
 
-    Level k is convex and quadratic where no row changes its side, so that its optimum is the least-squares point of
-    some choice: rows of level k inside or beyond a bound, rows above free or at a bound.
+    Level k is convex and quadratic as long as no row changes its side, so that its optimum is the least-squares point
+    of some choice: rows of level k inside or beyond a bound, rows above free or at a bound.
     """
     n = problem.n
     fixed: list[tuple[Vec, float]] = []
@@ -55,7 +55,7 @@ def _sides(lower: float, upper: float) -> tuple[int, ...]:
 
 
 def _least_squares(fixed: list[tuple[Vec, float]], wanted: list[tuple[Vec, float]], n: int) -> Vec | None:
-    """The shortest x that meets the fixed rows and is nearest to those wanted; None where the fixed rows conflict."""
+    """The shortest x that meets the fixed rows and is nearest to the wanted ones; None if the fixed rows conflict."""
     C, d = _stack(fixed, n)
     x = np.linalg.lstsq(C, d, rcond=1e-10)[0]
     if np.any(np.abs(C @ x - d) > NEAR):

@@ -1,4 +1,4 @@
-"""Small hierarchies against every active set there is: the kernel, the reference and the certificate itself."""
+"""Small hierarchies against every possible active set: the kernel, the reference and the certificate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SOLVERS = [name for name in ("lexicographic", "reference") if name in (*hqp.solv
 
 
 def small(seed: int, n: int) -> Hierarchy:
-    """A box and two levels; whole numbers as often as not, so that rows repeat, contradict and meet in a vertex."""
+    """A box and two levels; in half of them integers, so that rows repeat, conflict and meet in a vertex."""
     rng = np.random.default_rng([n, seed])
     whole = rng.random() < 0.6
     limit = rng.integers(1, 3, n).astype(float)

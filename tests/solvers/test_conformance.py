@@ -127,7 +127,7 @@ def test_live_rows_that_turn_bad_are_a_status_not_an_exception(solver: Solver) -
     assert not bad.status.solved
     assert np.isfinite(bad.x).all()
     b[0] = 1.0
-    np.testing.assert_allclose(workspace.solve(problem).x, good, atol=1e-8)  # nothing of the bad ticks is kept
+    np.testing.assert_allclose(workspace.solve(problem).x, good, atol=1e-8)  # the invalid ticks leave no trace
 
 
 def test_no_level_at_all(solver: Solver) -> None:

@@ -1,4 +1,4 @@
-"""Strict levels of plain rows: the optimum of the hierarchy, however the arrays are stored."""
+"""Strict levels of plain rows: the optimum of the hierarchy for any storage of the arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hqp.errors import ProblemError
 
 
 def drawn(seed: int, worlds: int = 0) -> tuple[list[Any], Any]:
-    """Random levels of 4 to 8 variables, some of them out of reach, and bounds."""
+    """Random levels of 4 to 8 variables, some of them infeasible, and bounds."""
     rng = np.random.default_rng(seed)
     n, lead = int(rng.integers(4, 9)), (worlds,) if worlds else ()
     levels: list[Any] = [(rng.normal(size=(*lead, 3, n)), rng.normal(size=(*lead, 3)))]
@@ -25,7 +25,7 @@ def drawn(seed: int, worlds: int = 0) -> tuple[list[Any], Any]:
 
 
 def reference(levels: list[Any], bounds: Any, n: int) -> Any:
-    """The solution of the same hierarchy, built by hand and solved cold."""
+    """Solution of the hierarchy built by hand and solved cold."""
     hard = Rows(Selection(np.arange(n)), *(np.broadcast_to(side, n) for side in bounds))
     rows = [Rows(A, two[0], two[-1]) for A, *two in levels]
     return hqp.solvers.load("lexicographic").solve(Hierarchy((hard, *rows), 1))
@@ -91,7 +91,7 @@ def test_bad_rows_are_refused(levels: Any, bounds: Any, word: str) -> None:
 
 
 class Lent:
-    """A tensor of a library that lends its memory by DLPack, on the CPU or elsewhere."""
+    """Tensor of a library that exports its memory by DLPack, on the CPU or elsewhere."""
 
     def __init__(self, array: Any, device: int = 1) -> None:
         self.array, self.device, self.dtype = array, device, array.dtype
@@ -128,7 +128,7 @@ def test_tensors_of_torch() -> None:
 
 
 def test_bounds_that_bind_nothing_are_no_rows() -> None:
-    """Rows without bounds, levels without rows and infinite bounds on x leave the answer as it is."""
+    """Rows without bounds, levels without rows and infinite bounds on x do not change the answer."""
     free = (np.ones((1, 3)), [-np.inf], [np.inf])
     found = hqp.solve_levels([free, (np.zeros((0, 3)), np.zeros(0)), (np.eye(3), np.ones(3))], (-np.inf, np.inf))
     np.testing.assert_array_equal(found.x, np.ones(3))

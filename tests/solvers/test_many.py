@@ -41,7 +41,7 @@ def stacked(chosen: list[Hierarchy]) -> HierarchyBatch:
 
 
 def solved_alone(problem: Hierarchy, found: Any, i: int) -> Solution:
-    """The problem by itself, whose bits are those of problem i of a batch."""
+    """Solve problem i of a batch alone and compare the bits."""
     alone = Lexicographic().solve(problem)
     assert alone.x.tobytes() == found.x[i].tobytes()
     assert alone.status is found.statuses[i]
@@ -62,7 +62,7 @@ def test_the_same_bits_as_one_by_one(threads: int) -> None:
 
 
 def priced(count: int) -> list[Hierarchy]:
-    """Problems with prices so high that some levels are settled and others are not."""
+    """Problems with high prices: some levels are settled and others are not."""
     law = {"prices": np.array([0.0, 0.05, 0.02, 0.0]), "turning": np.array([0.0, 20.0, 1.0, 0.0]), "eta": 1e-3}
     motion = Motion(np.linspace(0.5, 2.0, 12), np.linspace(-0.1, 0.1, 12))
     return [replace(problem, stacked=None, motion=motion, **law) for problem in problems(count)]
@@ -129,7 +129,7 @@ def test_what_solve_many_refuses() -> None:
 
 
 @pytest.mark.parametrize(("prices", "stored", "turns"), [
-    (None, np.asfortranarray, 3000),  # arrays to be converted: binding takes long
+    (None, np.asfortranarray, 3000),  # arrays that need conversion: binding takes long
     ((0.0, 0.3, 0.3, 0.0), np.asfortranarray, 200),
     ((0.0, 0.3, 0.3, 0.0), np.asarray, 500),
 ])  # fmt: skip

@@ -1,4 +1,4 @@
-"""Priced levels on hard kinds of problems, judged stage by stage, and on sequences that drift, warm beside cold."""
+"""Priced levels on hard kinds of problems, judged stage by stage, and on drifting sequences, warm against cold."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tests.scenes.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure, priced_p
 
 LARGEST = 60
 WRONG_ON_GENERIC = {("row_scales", 9), ("conflicts", 23), ("conflicts", 168)}
-"""Problems whose answer on the generic kernels the certificate refuses: gaps of 2e-8, 2e-2 and 2e-8."""
+"""Problems with a wrong answer on the generic kernels by the certificate: gaps of 2e-8, 2e-2 and 2e-8."""
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)
 
 
 def wrong_here(kind: str, seed: int) -> bool:
-    """Return true for a known wrong answer of the kernels that run."""
+    """Return true for a known wrong answer of the present kernels."""
     return instruction_set() == "generic" and (kind, seed) in WRONG_ON_GENERIC
 
 
@@ -71,7 +71,7 @@ def test_the_reference_solves_rows_of_every_length(seed: int, flat: bool) -> Non
 
 
 def drifting(rng: Generator, ticks: int = 40) -> list[Hierarchy]:
-    """Rows, targets and bounds that move a little from one problem to the next, and now and then jump."""
+    """Rows, targets and bounds that drift from one problem to the next, with occasional jumps."""
     n, count = int(rng.integers(3, 25)), int(rng.integers(1, 4))
     A = [rng.normal(size=(int(rng.integers(1, max(2, min(6, n // 2)))), n)) for _ in range(count)]
     b = [rng.normal(size=len(rows)) * 10.0 ** rng.uniform(-3.0, 0.0) for rows in A]
@@ -86,7 +86,7 @@ def drifting(rng: Generator, ticks: int = 40) -> list[Hierarchy]:
         b = [t * (1.0 + 0.05 * rng.normal()) for t in b]
         jump = rng.random()
         if jump < 0.04:
-            A[-1] = A[-1] * 0.03  # as an arm that comes to be straight
+            A[-1] = A[-1] * 0.03  # as for an arm that becomes straight
         elif jump < 0.08:
             limit = limit * np.where(rng.random(n) < 0.7, 0.1, 1.0)
         high = limit.copy()

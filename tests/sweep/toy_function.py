@@ -13,7 +13,7 @@ import numpy as np
 def square(
     x: int, folder: str = "", kill_at: int | None = None, once: bool = True, seconds: float = 0.0
 ) -> dict[str, object]:
-    """x squared; leaves a mark of every call in ``folder``, refuses 7, and kills its process at ``kill_at``."""
+    """x squared; writes a mark for every call to ``folder``, refuses 7, and kills its process at ``kill_at``."""
     time.sleep(seconds)
     if folder:
         with open(Path(folder) / f"call-{x}", "a") as file:

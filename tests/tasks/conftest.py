@@ -1,4 +1,4 @@
-"""The rows of one element, native where it has a plan or by its readable functions."""
+"""Rows of one element: native if it has a plan, or by its readable functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints of several axes: postures that go the shortest way, ball limits that are cones."""
+"""Joints of several axes: postures along the shortest rotation, ball limits as cones."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST = 0.6
 
 @pytest.fixture
 def robot() -> Any:
-    """A planar base, a ball on it, a hinge on that."""
+    """A planar base, a ball joint on it, and a hinge on the ball."""
     model = pin.Model()
     base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "base")
     ball = model.addJoint(base, pin.JointModelSpherical(), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.5])), "ball")
@@ -78,7 +78,7 @@ def test_configuration_is_the_inverse_of_angles(robot: Any) -> None:
 
 @pytest.mark.parametrize(("formulation", "law"), [(hqp.Velocity(), P(1.0)), (hqp.Acceleration(), PD(4.0, 4.0))])
 def test_from_outside_its_cone_a_ball_comes_back_gradually(robot: Any, formulation: Any, law: Any) -> None:
-    """The return velocity is reached at the acceleration of JointLimits, whose box allows no more."""
+    """The return velocity is reached at the acceleration limit of the JointLimits' box."""
     posture = Posture(law=law)
     stack = Stack(Level(posture), subject_to=[JointLimits()])
     session = hqp.Controller(stack, formulation, deadline=math.inf).session(robot, dt=0.002)
@@ -148,7 +148,7 @@ def test_along_the_cone_it_moves_freely_and_from_outside_it_returns(robot: Any) 
     session = hqp.Controller(Stack(Level(posture), subject_to=[JointLimits()]), deadline=math.inf).session(robot, 0.002)
     ring[3] = MOST
     q, v = robot.configuration(ring), np.zeros(robot.nv)
-    for k in range(1500):  # around the rim, where a box on the coordinates would hold it
+    for k in range(1500):  # around the rim, although a box on the coordinates would block it
         w = 0.002 * k
         q, v = session.step(robot.state(q, v), posture.at([MOST * math.cos(w), MOST * math.sin(w), 0.0])).advance()
     where = robot.state(q).angles[3:6]

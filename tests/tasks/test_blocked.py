@@ -1,4 +1,4 @@
-"""Hands that are blocked, in closed loop: no pair nearer than it may be, commands calm, balance exact."""
+"""Blocked hands in closed loop: clearances of all pairs kept, commands calm, balance exact."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.scenes.calm.goals import misses
 from tests.scenes.collision import scenes, table
 
 NEAREST = -5e-4
-"""Least distance less clearance [m]."""
+"""Least distance minus clearance [m]."""
 
 BLOCKED = [
     ("panda", "velocity", "torso"),
@@ -60,14 +60,14 @@ def test_blocked(name: str, formulation: str, scene: str) -> None:
     assert figures["margin"] > NEAREST, figures["nearest"]
     assert not list(misses(formulation, figures)), figures
     assert "NOT_CERTIFIED" not in figures["statuses"]
-    assert figures["error_end"] > 0.02  # it was blocked
+    assert figures["error_end"] > 0.02  # it is blocked
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["velocity", "acceleration"])
 @pytest.mark.parametrize(("name", "scene"), [("talos", "table"), ("talos", "torso"), ("g1", "table"), ("cbi", "table")])
 def test_blocked_for_eight_seconds(name: str, formulation: str, scene: str) -> None:
-    """Long enough for a posture to bring capsules flat on a face, where their nearest point jumps from end to end."""
+    """Long enough for a posture to bring capsules flat on a face, so that their nearest point jumps from end to end."""
     need(name)
     figures = scenes.run(scenes.scenes(name, formulation)[scene](), ticks=4000, every=10).figures()
     assert figures["margin"] > NEAREST, figures["nearest"]
@@ -95,4 +95,4 @@ def test_around_a_table_in_mujoco_nothing_is_touched(name: str) -> None:
     assert not found.touched
     assert found.nearest > 0.5 * table.CLEARANCE
     assert found.error < 0.01
-    assert table.around(name, avoid=False, seconds=2.5).touched  # the straight way leads through it
+    assert table.around(name, avoid=False, seconds=2.5).touched  # the straight path crosses it

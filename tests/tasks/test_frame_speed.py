@@ -87,7 +87,7 @@ def test_no_hand_is_faster_than_its_limit(robots: dict[str, Any], name: str, kin
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_at_most_two_percent_of_the_speed_is_lost(robots: dict[str, Any], kind: str) -> None:
-    """In any direction: a far goal is approached at 0.98 of the limit, once it is reached."""
+    """In any direction: a distant goal is approached at 0.98 of the limit after the start."""
     for way in ([0.0, 1.0, 0.0], [-0.3, 0.5, 0.4], [0.3, -0.6, 0.1]):
         limit = t.FrameVelocityLimits(frame=HANDS["panda"], linear=LINEAR)
         speed, _, _ = loop(robots["panda"], kind, way, [limit], 500)
@@ -96,7 +96,7 @@ def test_at_most_two_percent_of_the_speed_is_lost(robots: dict[str, Any], kind: 
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
 def test_an_excess_decays_at_the_rate(robots: dict[str, Any], kind: str) -> None:
-    """A hand that is faster at the start comes below its limit without a status and without a jump."""
+    """A hand that starts too fast returns below its limit without a status and without a jump."""
     robot, frame = robots["ur5"], HANDS["ur5"]
     J = robot.state().jacobian(frame)[:3]
     v = np.linalg.pinv(J) @ [0.0, 0.6, 0.0]
@@ -111,7 +111,7 @@ def test_an_excess_decays_at_the_rate(robots: dict[str, Any], kind: str) -> None
 
 @pytest.mark.parametrize("turned", [0.3, 2.0])
 def test_the_heading_does_not_matter(robots: dict[str, Any], turned: float) -> None:
-    """A floating robot that is turned as a whole, with its goal, has the same bounds of its joints' motion."""
+    """A floating robot rotated as a whole with its goal has equal bounds on its joints' motion."""
     robot, frame = robots["talos"], HANDS["talos"]
     limit, rng = t.FrameVelocityLimits(frame=frame, angular=1.0), np.random.default_rng(1)
     v = rng.normal(size=robot.nv)

@@ -1,4 +1,4 @@
-"""Pairs whose capsules overlap at home are named in a warning: nothing keeps them apart."""
+"""A warning names pairs of capsules that overlap at home: no row separates them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hqp.tasks import CollisionAvoidance, Posture
 
 
 def rails(rng: Any) -> tuple[Any, list[tuple[str, str]]]:
-    """Balls on slides of one base, at drawn places; the pairs of which some overlap at home."""
+    """Balls on slides of one base at drawn places, and the pairs that overlap at home."""
     model, capsules, places = pin.Model(), [], rng.uniform(-0.15, 0.15, (5, 3))
     for k, place in enumerate(places):
         joint = model.addJoint(0, pin.JointModelPX(), pin.SE3(np.eye(3), place), f"slide{k}")

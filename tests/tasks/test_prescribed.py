@@ -1,4 +1,4 @@
-"""Prescribed motion: limits, distances, tasks and the dynamics take another controller's motion as given."""
+"""Prescribed motion: limits, distances, tasks and dynamics treat another controller's motion as given."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def load(name: str) -> Robot:
 
 
 def legs_of(robot: Robot) -> list[str]:
-    """Joints on the way from the base to a sole."""
+    """Joints between the base and a sole."""
     soles = [robot.frame(sole) for sole in robot.landmarks["soles"]]
     moved = np.flatnonzero(np.any([robot.support(sole) for sole in soles], axis=0))
     return [robot.joint_name(int(c)) for c in moved if c >= 6]
@@ -55,7 +55,7 @@ def scene(robot: Robot, formulation: str, price: float | None = None) -> tuple[h
 
 
 def _arms(robot: Robot, legs: list[str]) -> tuple[tuple[str, str], ...]:
-    """The last link of each arm beside the links of the legs."""
+    """The last link of each arm paired with the links of the legs."""
     capsules = [c.name.rpartition("/")[0] or c.name for c in robot.capsules]
     body = dict(zip(capsules, (c.body for c in robot.capsules), strict=True))
     moved = {robot.subtree(joint) for joint in legs}
@@ -95,7 +95,7 @@ def nearest(robot: Robot, q: Any, pairs: tuple[tuple[str, str], ...]) -> float:
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_nothing_moves_what_is_given(name: str, formulation: str, price: float | None) -> None:
-    """Drawn states, speeds and accelerations, hands out of reach: the given coordinates are as given in each tick."""
+    """Drawn states, speeds and accelerations, hands out of reach: given coordinates keep their values in each tick."""
     robot, rng = load(name), np.random.default_rng(1)
     session, given, hands = scene(robot, formulation, price)
     own = given.selection(robot)
@@ -140,7 +140,7 @@ def test_the_dynamics_keep_it_with_no_torque_of_its_motors(name: str) -> None:
 
 @pytest.mark.parametrize("formulation", ["velocity", "acceleration"])
 def test_an_arm_gives_way_to_a_leg_that_comes(formulation: str) -> None:
-    """A thigh swings into a hand that has no task but to stay: the hand goes, the leg does not; judged by capsules."""
+    """A thigh swings into a hand with the task to stay: the hand moves, the leg does not; judged by capsules."""
     robot = load("g1")
     session, given, _ = scene(robot, formulation)
     own, q, v = given.selection(robot), robot.home.copy(), np.zeros(robot.nv)
@@ -159,7 +159,7 @@ def test_an_arm_gives_way_to_a_leg_that_comes(formulation: str) -> None:
             least = min(least, nearest(robot, q, pairs))
             without = min(without, nearest(robot, np.r_[q[:19], start[19:]], pairs))
         moved = max(moved, float(np.abs(q[7 + 12 :] - start[7 + 12 :]).max()))
-    assert without < 0.0  # the hand would have been hit
+    assert without < 0.0  # without the rows the leg hits the hand
     assert moved > 0.05
     assert least > 0.015
 
@@ -233,7 +233,7 @@ def test_declared() -> None:
 
 
 def test_notes_name_the_pair_that_prescribed_legs_bring_together() -> None:
-    """Both shins are given and close in: a note has their names, and the distance that coal finds, file and live."""
+    """Both shins are given and approach: a note has their names, and coal's distance, file and live."""
     robot = load("g1")
     pair = (("left_ankle_roll_link", "right_ankle_roll_link"),)
     given, apart = t.PrescribedMotion(joints=legs_of(robot)), t.CollisionAvoidance(pairs=pair, clearance=0.05)

@@ -1,4 +1,4 @@
-"""Parts of Follow by themselves: the motion through packets, the pursuit of a target, values that can be followed."""
+"""Parts of Follow alone: motion fitted to packets, pursuit of a target, values that can be followed."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def test_a_saturated_law_asks_for_no_more_than_its_acceleration(dreamer: Robot) 
 
 
 def test_self_motion_falls_as_its_lyapunov_function(dreamer: Robot) -> None:
-    """V follows exp(-2 ke t) in closed loop through the session, to first order in the control period."""
+    """V decays as exp(-2 ke t) in closed loop through the session, to first order in the control period."""
     law = SelfMotion(4.0, 4.0, 2.0)
     hand = Position(frame="hand", law=PD(100.0), name="hand")
     posture = Posture(joints=dreamer.joint_names, law=law, name="self")

@@ -1,4 +1,4 @@
-"""Targets of forces hold from the tick that they are given in, also in the first and as elements go or come."""
+"""Targets of forces hold from their first tick, also in the first tick of a session and as elements switch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torques stay within a few times the motors' limits though the stack declares none."""
+"""Torques stay within a few times the motors' limits although the stack declares none."""
 
 import math
 from typing import Any
@@ -26,7 +26,7 @@ def reaching(robot: Any) -> tuple[Stack, Position]:
 
 @pytest.mark.parametrize("name", ["talos", "g1"])
 def test_a_leg_that_comes_to_be_straight_takes_no_absurd_torque(name: str) -> None:
-    """The hand runs 1.5 m away within a second: 1e7 N m and more in single ticks without the limits."""
+    """The hand's target moves 1.5 m away within a second: 1e7 N m and more in single ticks without the limits."""
     robot = hqp.robots.load(name)
     stack, hand = reaching(robot)
     session = hqp.Controller(stack, Torque(contact_law=PD(0.0, 40.0)), deadline=math.inf).session(robot, DT)

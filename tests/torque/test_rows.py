@@ -1,4 +1,4 @@
-"""Native rows on the torque are J X and the bounds less J c, from any c."""
+"""Native rows on the torque are J X, with bounds minus J c, from any c."""
 
 from __future__ import annotations
 

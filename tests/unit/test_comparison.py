@@ -73,7 +73,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_drawn_states_are_those_of_a_loop_that_holds_its_constraints() -> None:
-    """With acceleration limits and contacts as declared by default, and none of the levels without anything to do."""
+    """With acceleration limits and default contacts; every level has something to do."""
     stack = Stack(
         Level(Com(axes="xy"), name="balance"),
         Level(Position(frame="gripper_right_base_link"), name="hand"),
@@ -130,6 +130,6 @@ def test_exact_and_priced_levels_side_by_side() -> None:
     exact, priced = both["lexicographic"], both["lexicographic, priced"]
     assert exact.certified == priced.certified == both["reference, priced"].certified == 1.0
     assert both["reference, priced"].difference < 1e-6
-    assert priced.residuals[1] > exact.residuals[1]  # out of reach the price shows
+    assert priced.residuals[1] > exact.residuals[1]  # out of reach the price has an effect
     alone = hqp.compare(stack, robot, states=states, references=[far], solvers="lexicographic", price=None)
     assert alone.lines[0].residuals == priced.residuals

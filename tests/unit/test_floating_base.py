@@ -29,7 +29,7 @@ def test_shapes_are_checked() -> None:
 def test_consistent_velocity_is_a_projection() -> None:
     rng = np.random.default_rng(3)
     J_C = rng.standard_normal((9, 20))
-    J_C[6:] = J_C[:3]  # a foot given by more points than it needs
+    J_C[6:] = J_C[:3]  # a foot with redundant points
     v = rng.standard_normal(20)
     once = consistent_velocity(J_C, v)
     assert np.abs(J_C @ once).max() < 1e-11

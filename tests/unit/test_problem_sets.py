@@ -1,4 +1,4 @@
-"""The stored problem sets load as hierarchies of the shapes their page states."""
+"""Stored problem sets load as hierarchies with the shapes of their page."""
 
 from __future__ import annotations
 

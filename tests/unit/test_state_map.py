@@ -51,7 +51,7 @@ def test_every_convention_gives_one_state(quaternion: Any, linear: Any, angular:
 
 
 def test_a_simulator_moves_as_the_robot_does() -> None:
-    """Places and velocities of frames by MuJoCo, from its own state."""
+    """Positions and velocities of frames by MuJoCo, from its own state."""
     mujoco = pytest.importorskip("mujoco")
     robot = hqp.robots.load("cbi")
     plant = hqp.robots.Plant(robot)

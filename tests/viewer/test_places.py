@@ -1,4 +1,4 @@
-"""Handles stand where references are: on drawn states, for every task that has a target in the scene."""
+"""Handles appear at the references: on drawn states, for every task with a target in the scene."""
 
 from __future__ import annotations
 

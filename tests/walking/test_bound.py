@@ -1,4 +1,4 @@
-"""The bound on pushes: in closed form for a box, and never exceeded by a controller that looks for the best ZMP."""
+"""Bound on pushes: in closed form for a box, and never exceeded by a controller that searches for the best ZMP."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_along_a_box_it_is_the_pendulum_with_its_zmp_at_the_edge() -> None:
 
 
 def test_no_zmp_of_many_holds_more_and_one_holds_nearly_as_much() -> None:
-    """Pendulums integrated with ZMPs drawn in the support while they are pushed aslant."""
+    """Pendulums integrated with drawn ZMPs in the support and pushes in any direction."""
     rng, u = np.random.default_rng(1), np.array([0.6, -0.8])
     most = largest_push(BOX, (0.03, 0.02), u, SECONDS, OMEGA)
     held = []

@@ -1,4 +1,4 @@
-"""Decisions of a walker on the motion of its own model, without a simulation."""
+"""Decisions of a walker on its own model, without a simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def made(robot: Any) -> Walker:
 
 
 def on_its_model(walker: Walker, loads: Any = lambda walker: None) -> Iterator[Any]:
-    """Ticks of a walker whose robot moves as commanded; loads: function of the walker for the loads of its feet."""
+    """Ticks of a walker with a robot that follows its commands; loads: function of the walker for the loads of its
+    feet."""
     q, v = walker.start.copy(), np.zeros(walker.robot.nv)
     while True:
         state = walker.robot.state(q, v)

@@ -1,4 +1,4 @@
-"""A swing foot that touches the ground on its way has scuffed, not landed: it rises and goes on."""
+"""A swing foot that touches the ground on its way has scuffed, not landed: it rises and continues."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def test_side_to_side_follows_and_repeats_to_the_bit() -> None:
     assert rms(e[:, 1]) < 2.0
     assert rms(e[:, 0]) < 2.0
     assert 1e3 * largest(first.log["soles"].max(axis=1)) < 1.0
-    assert np.abs(first.log["com_goal"][:, 1] - first.goal[1]).max() > 0.03  # it did move
+    assert np.abs(first.log["com_goal"][:, 1] - first.goal[1]).max() > 0.03  # it moves
     np.testing.assert_array_equal(first.log["com"], second.log["com"])
     np.testing.assert_array_equal(first.log["torque"], second.log["torque"])
 

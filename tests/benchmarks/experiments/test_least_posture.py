@@ -25,7 +25,7 @@ def test_the_least_posture_error_keeps_com_and_hand_and_cannot_be_bettered() -> 
     tilt = math.radians(7.0)
     q[3:7] = 0.0, -math.sin(0.5 * tilt), 0.0, math.cos(0.5 * tilt)
     before, least = least_posture_error(run, q)
-    assert np.abs(before).max() < 1e-12  # in the posture, and so with the CoM far off
+    assert np.abs(before).max() < 1e-12  # in the posture, hence with a distant CoM
     assert 5.0 < rms(least) < 20.0
     upper = run.robot.joints("upper_body")
     q[run.robot.positions(upper)] = run.posture + least

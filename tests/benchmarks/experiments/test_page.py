@@ -1,4 +1,4 @@
-"""The pages' tables are those of the committed runs."""
+"""Tables of the pages match the committed runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks.sentis2012.experiments import statistics
 pytest.importorskip("pyarrow")
 
 MANY = 20
-"""Runs that a promise takes at least."""
+"""Least number of runs behind a promise."""
 
 
 def test_every_table_is_that_of_the_committed_runs() -> None:

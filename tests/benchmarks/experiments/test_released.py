@@ -1,4 +1,4 @@
-"""Wheels that bear nothing are released and come back; a heavier upper body is no payload."""
+"""Wheels without load are released and come back; a heavier upper body is no payload."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_a_wheel_without_load_holds_its_rolling_speed_and_comes_back_gradually()
     limits = MovingLimits(lower=-most, upper=most, name="motors")
     wheels = ReleasedWheels(robot, limits, 20.0, DT)
     bears, air, still = np.array([200.0, 300.0, 200.0]), np.array([0.0, 300.0, 200.0]), np.zeros(3)
-    for _ in range(4):  # rollers bounce: 8 ms are no loss
+    for _ in range(4):  # rollers bounce: 8 ms without contact are no loss
         wheels.update(air, still)
     wheels.update(bears, still)
     np.testing.assert_array_equal(limits.upper, most)
@@ -33,7 +33,7 @@ def test_a_wheel_without_load_holds_its_rolling_speed_and_comes_back_gradually()
     np.testing.assert_array_equal(limits.upper[:-3], most[:-3])
     np.testing.assert_array_equal(limits.upper[-2:], most[-2:])
     wheels.update(air, np.array([100.0, 0.0, 0.0]))
-    assert limits.lower[-3] == limits.upper[-3] == -most[-3]  # never more than the motor has
+    assert limits.lower[-3] == limits.upper[-3] == -most[-3]  # at most the motor's effort
     room = []
     for _ in range(14):
         wheels.update(bears, still)
@@ -59,7 +59,7 @@ def test_a_wheel_that_spins_is_released_whatever_its_estimated_load() -> None:
 
 
 def test_odometry_follows_the_accelerometer_while_two_wheels_spin() -> None:
-    """Two rear wheels in the air, alike, as at a step: they contradict the truth by metres a second."""
+    """Two rear wheels spin alike in the air, as at a step: they contradict the truth by metres a second."""
     robot = hqp.robots.load("dreamer")
     odometry, columns = Odometry(robot), robot.joints("wheels")
     radii = np.array([w.radius for w in robot.wheels.values()])
@@ -78,7 +78,7 @@ def test_odometry_follows_the_accelerometer_while_two_wheels_spin() -> None:
 
 
 def test_a_heavier_upper_body_is_not_taken_for_a_payload() -> None:
-    """At rest, leaning as on a slope of 7 degrees, with the residuals that statics has."""
+    """At rest, leaning as on a slope of 7 degrees, with the residuals of statics."""
     robot = hqp.robots.load("dreamer")
     q = robot.home.copy()
     q[3:7] = [0.0, -math.sin(math.radians(3.5)), 0.0, math.cos(math.radians(3.5))]
@@ -97,4 +97,4 @@ def test_a_heavier_upper_body_is_not_taken_for_a_payload() -> None:
                 loads.sent(state, np.zeros(robot.actuated.size))
             found[name, own_weight] = loads.mass
     assert found["heavier", True] < 0.1 < 0.5 < found["heavier", False]
-    assert abs(found["payload", True] - found["payload", False]) < 0.02  # 1 kg, further out than where it is carried
+    assert abs(found["payload", True] - found["payload", False]) < 0.02  # 1 kg, declared further out than in truth

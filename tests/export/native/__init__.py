@@ -1,1 +1,1 @@
-"""Sessions in C++ alone: recorded loops again, allocations counted, damaged files under sanitizers."""
+"""Sessions in C++ alone: recorded loops, allocation counts, damaged files under sanitizers."""

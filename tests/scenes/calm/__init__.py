@@ -1,1 +1,1 @@
-"""Closed loops out of reach, at the edge, blocked; problems close to one another; when goals are reached."""
+"""Closed loops out of reach, at the edge, and blocked; neighbouring problems; times of arrival."""

@@ -1,4 +1,4 @@
-"""Torque control with everything a foot can do, and a hand that walks one metre out of reach."""
+"""Torque control with all constraints of feet, and a hand target that moves one metre out of reach."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FRICTION, LOAD = 0.3, 20.0
 """Friction coefficient; least force on each foot [N]."""
 
 PACE = 0.5
-"""At which the hand's target walks away [m/s]."""
+"""Speed of the hand's target [m/s]."""
 
 SOLES: Mapping[str, tuple[float, float, float, float]] = {
     "cbi": (-0.065, 0.18, -0.04, 0.04),
@@ -40,7 +40,7 @@ SOLES: Mapping[str, tuple[float, float, float, float]] = {
 
 
 def walking(name: str, limits: Mapping[str, Any]) -> Scene:
-    """Friction 0.3, centre of pressure, 20 N on each foot, torque and joint limits; the hand's target walks away."""
+    """Friction 0.3, centre of pressure, 20 N on each foot, torque and joint limits; the hand's target moves away."""
     who, of = subject(name), partial(law, "torque")
     hard: list[Element] = [*who.contacts, TorqueLimits(), JointLimits(**limits)]
     for contact in who.contacts:

@@ -1,1 +1,1 @@
-"""Hands that shapes block, and a table in MuJoCo."""
+"""Hands blocked by shapes, and a table in MuJoCo."""

@@ -13,7 +13,7 @@ from hqp import Hierarchy, Selection
 
 
 def dump(problems: Iterable[Hierarchy], path: Path) -> Path:
-    """count, then per problem n, levels, and per level m, whether it is a selection, A or (index, scale), bounds."""
+    """count, then per problem n, levels, and per level m, 1 for a selection, A or (index, scale), bounds."""
     problems = list(problems)
     with path.open("wb") as file:
         file.write(struct.pack("i", len(problems)))
