@@ -104,6 +104,11 @@ class CollisionAvoidance(Inequality):
         """Number of slots; raises DeclarationError, ModelError."""
         return len(scene(self, robot).slots)
 
+    def remark(self, robot: Robot) -> str:
+        """The pairs whose capsules overlap at home, with their depth."""
+        told = ", ".join(scene(self, robot).overlapping)
+        return told and f"{self.name}: capsules of {robot.name} overlap at home, not kept apart: {told}"
+
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The pairs that have the rows now, such as "left_elbow - torso"; "free" for a slot without one."""
         return scene(self, robot).row_names()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections import defaultdict
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot, State
-from hqp.errors import ModelWarning
 from hqp.shapes import Shape
 
 from . import distances
@@ -76,14 +74,14 @@ class Scene:
         home, declared = self._twin.bodies, element.poses()
         found: list[tuple[int, int]] = []
         clearances: list[float] = []
-        overlapping: list[str] = []
+        overlapping: list[tuple[float, str]] = []
         self._local = [(np.array(c.a), np.array(c.b)) for c in self.capsules]
         for k, (one, two) in enumerate(self.pairs):
             clearance = element.clearance
             if two < self.links:
                 d = self.measure(k, declared, self._ends(one, home), self._ends(two, home))[0]
                 if d <= 0.0:
-                    overlapping.append(f"{self.name(one)} - {self.name(two)}")
+                    overlapping.append((d, f"{self.name(one)} - {self.name(two)} ({-1e3 * d:.1f} mm)"))
                     continue
                 clearance = min(clearance, KEPT * d)
             found.append((one, two))
@@ -91,9 +89,8 @@ class Scene:
         if not found:
             allowed = "names of links or shapes that may collide; all pairs of these overlap at home"
             raise element.invalid("pairs", element.pairs, allowed)
-        if overlapping:
-            told = f"{element.name}: capsules of {robot.name} overlap at home, not kept apart: {', '.join(overlapping)}"
-            warnings.warn(told, ModelWarning, stacklevel=2)
+        self.overlapping = [told for _, told in sorted(overlapping)]
+        """Pairs whose capsules overlap at home and by how far, the deepest first: nothing keeps them apart."""
         self.pairs, self.clearance = found, np.array(clearances)
         most = len(found) + 4 * sum(self._sided(*pair) for pair in found)
         self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, most), -1, dtype=np.int32)

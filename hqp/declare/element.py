@@ -99,6 +99,10 @@ class Element(ABC):
     def rows(self, robot: Robot) -> int:
         """Number of rows on that robot; raises ModelError for names it does not have."""
 
+    def remark(self, robot: Robot) -> str:
+        """What a session warns of and notes in its first tick about the element on this robot, "" for nothing."""
+        return ""
+
     def selection(self, robot: Robot) -> Index | None:
         """Tangent coordinates ``(m,)`` if the rows each pick one, None otherwise."""
         return None

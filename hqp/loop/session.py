@@ -71,7 +71,8 @@ class Session:
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
         _ = robot.tree_joints  # read off the model once, here and not in the first tick
-        remarks = ("base", adrift(compiled.stack, robot)), ("contacts", overconstrained(compiled.stack, robot))
+        remarks = [("base", adrift(compiled.stack, robot)), ("contacts", overconstrained(compiled.stack, robot))]
+        remarks += [(element.name, element.remark(robot)) for element in compiled.stack]
         first = tuple(Note(name, Status.OPTIMAL, told) for name, told in remarks if told)
         for note in first:
             warnings.warn(note.detail, ModelWarning, stacklevel=3)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from hqp.declare.law import PD, P
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
-from hqp.errors import DeclarationError, ModelWarning
+from hqp.errors import DeclarationError
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
 from hqp.policies.servo import Gains, Servos
@@ -134,9 +133,7 @@ class UpperBody:
         if not pairs:
             return ()
         limits = {"clearance": self.clearance, "influence": self.influence}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # overlaps at home are omitted below
-            found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
+        found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
         apart: dict[frozenset[str], list[float]] = {}
         for (i, j), least in zip(found.pairs, found.clearance, strict=True):
             apart.setdefault(frozenset((_link(found.name(i)), _link(found.name(j)))), []).append(least)

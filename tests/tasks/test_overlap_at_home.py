@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from typing import Any
 
@@ -16,8 +17,8 @@ from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, Posture
 
 
-def rails(rng: Any) -> tuple[Any, list[tuple[str, str]]]:
-    """Balls on slides of one base at drawn places, and the pairs that overlap at home."""
+def rails(rng: Any) -> tuple[Any, list[tuple[str, str, float]]]:
+    """Balls on slides of one base, at drawn places; the pairs that overlap at home, with their depth [mm]."""
     model, capsules, places = pin.Model(), [], rng.uniform(-0.15, 0.15, (5, 3))
     for k, place in enumerate(places):
         joint = model.addJoint(0, pin.JointModelPX(), pin.SE3(np.eye(3), place), f"slide{k}")
@@ -25,7 +26,7 @@ def rails(rng: Any) -> tuple[Any, list[tuple[str, str]]]:
         model.addFrame(pin.Frame(f"ball{k}", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
         capsules.append(LinkCapsule(f"ball{k}", joint, (0.0,) * 3, (0.0,) * 3, 0.06))
     gaps = {(i, j): float(np.linalg.norm(places[i] - places[j])) - 0.12 for i in range(5) for j in range(i)}
-    apart = [(f"ball{j}", f"ball{i}") for (i, j), gap in gaps.items() if gap <= 0.0]
+    apart = [(f"ball{j}", f"ball{i}", -1e3 * gap) for (i, j), gap in gaps.items() if gap <= 0.0]
     return hqp.robots.Robot(model, name="rails").with_capsules(capsules), apart
 
 
@@ -36,12 +37,16 @@ def test_pairs_that_overlap_at_home_are_named(seed: int) -> None:
     avoid = CollisionAvoidance(pairs=tuple((a, b) for i, a in enumerate(names) for b in names[i + 1 :]))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        hqp.Controller(Stack(Level(Posture(law=P(1.0))), subject_to=[avoid])).session(robot, 0.01)
+        session = hqp.Controller(Stack(Level(Posture(law=P(1.0))), subject_to=[avoid])).session(robot, 0.01)
     texts = [
         str(w.message) for w in told if issubclass(w.category, ModelWarning) and "overlap at home" in str(w.message)
     ]
     assert bool(texts) == bool(overlapping)
-    for one, two in overlapping:
-        assert all(f"{one} - {two}" in text or f"{two} - {one}" in text for text in texts)
+    for one, two, depth in overlapping:
+        assert all(f"{one} - {two} ({depth:.1f} mm)" in text for text in texts)
     if texts:
         assert texts[0].count(" - ") == len(overlapping)
+        depths = [float(found) for found in re.findall(r"\((\S+) mm\)", texts[0])]
+        assert depths == sorted(depths, reverse=True)
+    assert [n.detail for n in session.step(robot.state()).notes if n.element == "collision"] == texts
+    assert not [n for n in session.step(robot.state()).notes if n.element == "collision"]
