@@ -14,7 +14,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
 from hqp.loop.document import live_tree
-from hqp.loop.guards import motor_limits, rate_limiter
+from hqp.loop.guards import following, motor_limits, rate_limiter
 from hqp.loop.outgoing import largest_change
 from hqp.loop.phase_laws import PhaseLaws
 from hqp.loop.presence import Presence
@@ -153,7 +153,10 @@ class Compiler:
         guards["rates"] = None if limiter is None else list(limiter.inverse)
         netted = program.kind != "torque" or (bounded and getattr(formulation, "effort_limits", True))
         checked = self._controller.calm and netted
-        guards["motors"] = motor_limits(self._robot, whole, program.kind, turning(self._robot)) if checked else None
+        turns = turning(self._robot)
+        guards["motors"] = motor_limits(self._robot, whole, program.kind, turns) if checked else None
+        max_age = guards["state"]["max_age"]
+        guards["following"] = None if max_age is None else following(self._robot, self._dt, max_age, turns)
         moving = program.assembly.moving or kinematics(self._robot)
         return Compiled(
             stack=whole,

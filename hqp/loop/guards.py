@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from hqp._session import RateLimiter
 
 
+PERIODS, DRIVE = 3.0, 0.05
+"""A command shows in the motion of its joint after so many periods and the lag of a drive [s] (20 rad/s, 3 Hz)."""
+
+
 def state_bounds(robot: Robot, bounds: StateBounds, max_age: float | None) -> dict[str, Any]:
     """Numbers beyond which a state is refused, ``(nv,)`` each, and how old it may be [s].
 
@@ -57,6 +61,21 @@ def motor_limits(robot: Robot, stack: Stack, kind: str, turns: Mask) -> dict[str
     inverse = np.zeros(limit.size)
     np.divide(1.0, limit, out=inverse, where=limit > 0.0)
     return {"inverse": inverse.tolist(), "units": [units[turn] for turn in turns[actuated].tolist()]}
+
+
+def following(robot: Robot, dt: float, max_age: float, turns: Mask) -> dict[str, Any]:
+    """Speed limits of the motors, 0 for none, and the longest delay [s] from a command to its measured motion.
+
+    A state is at most ``max_age`` old, and drives lag (hqp/cpp/session/follow_watch.hpp).
+    turns: mask of rotational coordinates ``(nv,)``.
+    """
+    actuated = robot.actuated
+    speed = robot.velocity_limit[actuated]
+    return {
+        "speed": np.where(np.isfinite(speed), speed, 0.0).tolist(),
+        "units": ["rad" if turn else "m" for turn in turns[actuated].tolist()],
+        "delay": max_age + PERIODS * dt + DRIVE,
+    }
 
 
 def rate_limiter(

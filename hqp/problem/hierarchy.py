@@ -447,6 +447,10 @@ class Status(enum.Enum):
         "the dynamics of this state could not be solved: the joint-space inertia is not positive definite or a "
         "result is not finite; check the state and the model's masses and inertias"
     )
+    NOT_FOLLOWING = (
+        "the measured joints do not do what they were sent: a frozen sensor, a blocked joint, or joints in another "
+        "order; the command comes to rest; check the joint that the note names"
+    )
     INVALID_STATE = (
         "the state was not usable (not finite, too large, too old, or a quaternion not of length one): the command "
         "comes to rest; check the sensor or estimate that the note names"

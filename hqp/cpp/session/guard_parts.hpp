@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "follow_watch.hpp"
 #include "guards.hpp"
 #include "halt.hpp"
 #include "limit_watch.hpp"
@@ -74,6 +75,20 @@ std::unique_ptr<MotorLimits> motor_limits(const Node& root, const Line& line, co
   const Node p = guards.part("motors");
   const double braking = robot.kind == "acceleration" ? guards.part("braking").number("deceleration") : 0.0;
   return std::make_unique<MotorLimits>(robot.joint_names, p.numbers("inverse"), p.texts("units"), line.dt(), braking);
+}
+
+// Null if states do not tell their time: how old they are bounds what a joint may lack.
+template <class Node>
+std::unique_ptr<FollowWatch> follow_watch(const Node& root, const Line& line, const RobotNames& robot) {
+  const Node guards = root.part("guards");
+  if (!guards.has("following")) return nullptr;
+  const Node p = guards.part("following");
+  std::vector<double> efforts(robot.joints.size(), 0.0);
+  const std::vector<double> limits = root.part("robot").numbers("effort_limit");
+  for (std::size_t i = 0; line.torque() && i < efforts.size(); ++i)
+    efforts[i] = limits.at(std::size_t(robot.joints[i]));
+  return std::make_unique<FollowWatch>(robot.joint_names, p.numbers("speed"), efforts, p.texts("units"), robot.joints,
+                                       line.order(), p.number("delay"));
 }
 
 template <class Node>

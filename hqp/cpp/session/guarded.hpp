@@ -50,6 +50,7 @@ class Guarded {
         motors_(motor_limits(root, line_, robot_)),
         halt_(hqp::halt(root, line_)),
         limiter_(rate_limiter(root, line_, robot_)),
+        following_(follow_watch(root, line_, robot_)),
         deadline_(root.part("guards").number("deadline")),
         budget_(deadline_),
         q_(std::size_t(line_.nq())),
@@ -133,6 +134,7 @@ class Guarded {
     std::copy(command, command + tick_.command_.size(), tick_.command_.begin());
     tick_.held_ = 0, good_ = true, answered_ = false;
     outgoing_.trend().forget();
+    if (following_) following_->reset();
   }
 
   // Store a field of an element's next reference, its hold value or its measured load; throws ReferenceError.
@@ -169,7 +171,7 @@ class Guarded {
 
   // Finish every answer from now on, and accept states of any age.
   void without_deadline() {
-    check_.of_any_age();
+    check_.of_any_age(), following_.reset();
     deadline_ = std::numeric_limits<double>::infinity();
     budget_ = Budget(deadline_);
     line_.solver()->limit(0.0);
@@ -184,6 +186,7 @@ class Guarded {
     forget(), presence_.phase(0);
     laws_.reset();
     counters_->pause();
+    if (following_) following_->reset();
   }
 
   // Continue from another session of the robot, after x was sent.
@@ -193,6 +196,7 @@ class Guarded {
     placed_ = other.placed_, timed_ = other.timed_, budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
     counters_ = other.counters_, halt_ = other.halt_;
+    if (following_ && other.following_) *following_ = *other.following_;
   }
 
   // Run beside a session that blends both answers: without rate limits, in half of the time.
@@ -286,9 +290,11 @@ class Guarded {
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
     if (told.fault) why = {"state", Status::kInvalidState, Cause::kForeign, told.fault};
-    if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why)) {
+    if (following_) following_->pass(told.now);
+    if (told.fault || !check_.check(q_.data(), v_.data(), told.time, told.now, told.angles, why) ||
+        !follows(told.angles, why)) {
       references_.skip(named_), presence_.take(named_), here_.clear();
-      refused_ = true;
+      refused_ = why.status == Status::kInvalidState;
       return held_tick(why, false);
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
@@ -341,6 +347,23 @@ class Guarded {
     rest_->next(x_.data());
     start_ = x_;
     note({"session", Status::kOptimal, Cause::kStart});
+  }
+  // Return false, and why, if the measured joints do not do what they were sent. Beside another session the command is
+  // a blend that this one does not know.
+  bool follows(const double* angles, Note& why) {
+    if (!following_) return true;
+    if (aside_) return following_->reset(), true;
+    if (!angles) line_.kinematics()->angles(q_.data(), angles_.data()), angles = angles_.data();
+    return following_->follow(angles, v_.data(), why, report());
+  }
+  // Tell what the sent x makes of the motors. solved: true if the dynamics are those of this tick.
+  void followed(bool solved) {
+    if (!following_) return;
+    const double* x = tick_.x_.data();
+    const TorqueParts* torque = line_.torque();
+    if (torque && (!solved || (foreign_ && foreign_->fills))) return following_->unknown();
+    following_->sent([&](std::size_t joint) { return torque ? torque->acceleration(joint, x) : x[joint]; },
+                     [&](std::size_t motor) { return torque->felt(motor); });
   }
 
   // Switch elements off and on for this tick; returning elements hold their present value.
@@ -402,6 +425,7 @@ class Guarded {
     ordinary_ = answer_.point_count == 0;
     limits();
     send();
+    followed(true);
     if (budget_.limited() && answer_.status != Status::kOptimal)
       budget_.end(thread_time(), answer_.status == Status::kTimeLimit);
     fresh_ = answer_.status != Status::kOptimal;
@@ -426,6 +450,7 @@ class Guarded {
     const auto start = [&] { return fit || placed_ ? from(!fit) : RestFrom{}; };
     outgoing_.rest(*rest_, start, fit, tick_.held_, why.status, before(), limiter(), tick_.x_.data(), report());
     send();
+    followed(false);
     return tick_;
   }
 
@@ -477,6 +502,7 @@ class Guarded {
   std::unique_ptr<MotorLimits> motors_;
   std::shared_ptr<Halt> halt_;  // shared by all lines of a session
   std::unique_ptr<RateLimiter> limiter_;
+  std::unique_ptr<FollowWatch> following_;
   double deadline_;  // [s], as the plan has it
   Budget budget_;
   std::vector<double> q_, v_, good_q_, good_v_, x_, start_, angles_, over_;

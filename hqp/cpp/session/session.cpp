@@ -16,10 +16,10 @@ Kernel* make_kernel(int n, int levels, const int* m, bool metric) {
 }
 
 const char* name(Status status) {
-  static const char* const names[] = {
-      "OPTIMAL",         "RANK_UNCERTAIN", "NOT_STRICT",      "CONSTRAINTS_VIOLATED", "INVALID_REFERENCE",
-      "INVALID_ELEMENT", "CONTACT_LOST",   "ITERATION_LIMIT", "TIME_LIMIT",           "NOT_CERTIFIED",
-      "DYNAMICS_FAILED", "INVALID_STATE",  "STOPPED"};
+  static const char* const names[] = {"OPTIMAL",           "RANK_UNCERTAIN",  "NOT_STRICT",      "CONSTRAINTS_VIOLATED",
+                                      "INVALID_REFERENCE", "INVALID_ELEMENT", "CONTACT_LOST",    "ITERATION_LIMIT",
+                                      "TIME_LIMIT",        "NOT_CERTIFIED",   "DYNAMICS_FAILED", "NOT_FOLLOWING",
+                                      "INVALID_STATE",     "STOPPED"};
   return names[static_cast<int>(status)];
 }
 
@@ -111,6 +111,12 @@ std::string Note::text() const {
     case Cause::kBears:
       return "cannot be released: it still carries " + g3(amount) + " N" +
              (most >= 0.0 ? " and " + g3(most) + " N m" : "") + "; unload it first";
+    case Cause::kFollow:
+      return std::string(where) + " lacks " + g3(amount) + " " + rows[0].name + " of what it was sent, allowed " +
+             g3(allowed) + " " + rows[0].name +
+             (status == Status::kNotFollowing
+                  ? ": a frozen sensor, a blocked joint, or joints in another order; the command comes to rest"
+                  : ": a load or contact that the model lacks, a frozen sensor, or a blocked joint");
     case Cause::kNoState:
       return "no valid state so far: the command is zero";
     case Cause::kStopped:

@@ -22,6 +22,7 @@ enum class Status {
   kTimeLimit,
   kNotCertified,
   kDynamicsFailed,
+  kNotFollowing,
   kInvalidState,
   kStopped,
 };
@@ -78,6 +79,7 @@ enum class Cause {
   kNoState,    // no good state so far
   kStopped,    // a stop holds the robot, where: its reason
   kStart,      // no command was known before the first tick
+  kFollow,     // the joint of that name does not do what it is sent
   kForeign,    // a fault of rows written in Python
   kBears,      // a contact on its way out still carries a force [N] and, in `most`, a moment [N m]
 };

@@ -108,6 +108,16 @@ class TorqueParts final : public SolveCall {
   }
   Reactions& reactions() { return *elimination_; }
 
+  // Acceleration of a coordinate under these torques (n), by the map of the latest solve.
+  double acceleration(std::size_t i, const double* tau) const {
+    const double* row = map_ + i * (n_ + 1);
+    double sum = row[n_];
+    for (std::size_t j = 0; j < n_; ++j) sum += row[j] * tau[j];
+    return sum;
+  }
+
+  double felt(std::size_t motor) const { return phi_[motor * (n_ + 1)]; }  // inverse of the inertia that it feels
+
   std::size_t coordinates() const { return nv_; }
   std::size_t motors() const { return n_; }
   std::vector<std::int8_t>& out() { return out_; }  // flags of the constraints, 1 for an absent one
