@@ -418,7 +418,7 @@ def tutorial_talos() -> Image.Image:
     for _ in range(600):
         tick = session.step(robot.state(q, v), hand.at(goal))
         q, v = tick.advance()
-    forces = session.program.contact_forces(tick.solution.x)  # type: ignore[attr-defined,union-attr]
+    forces = session.program.contact_forces(tick.solution.x, world=True)  # type: ignore[attr-defined,union-attr]
     aim(s, np.array([0.2, 0.0, 0.85]), 2.3, 225.0)
     state = robot.state(q)
     s.ball(goal, ORANGE, 0.035)

@@ -147,8 +147,8 @@ class Forces:
         seen = [by_name[name] for name in dict.fromkeys(names) if name in by_name]
         on_ground = [c for c in seen if blocks(c, c.rows(robot))]
         require_standing(on_ground, robot)
-        self._ground = {c.name: GroundAxes.of(c, rows, robot) for c in on_ground}
-        self._normals = [(c.name, self._ground[c.name].normal, ground_of(c)) for c in on_ground]
+        self.ground = {c.name: GroundAxes.of(c, rows, robot) for c in on_ground}
+        self._normals = [(c.name, self.ground[c.name].normal, ground_of(c)) for c in on_ground]
         parts = [np.zeros((0, m))]
         lower: list[Vec] = [np.zeros(0)]
         upper: list[Vec] = [np.zeros(0)]
@@ -156,7 +156,7 @@ class Forces:
         self._shared: list[Shared] = []
         for element in elements:
             if hasattr(element, "contacts"):
-                shared = Shared.of(element, by_name, rows, self._ground, slice(at, at + 6))
+                shared = Shared.of(element, by_name, rows, self.ground, slice(at, at + 6))
                 self._shared.append(shared)
                 whole, low, high = np.zeros((6, m)), np.zeros(6), np.zeros(6)
             else:
@@ -176,7 +176,7 @@ class Forces:
         self._out: list[slice] = []
         self._frames: list[dict[str, Any]] = []  # turn rows from world axes to those on the ground
         for contact in on_ground:
-            part, axes = rows.members[contact.name].part, self._ground[contact.name].axes
+            part, axes = rows.members[contact.name].part, self.ground[contact.name].axes
             turned = blocks(contact, part.stop - part.start)
             self._frames += [{"first": part.start + block.start, "rotation": axes} for block in turned]
         apart = {shared.element.name for shared in self._shared}
@@ -190,7 +190,7 @@ class Forces:
         if not self._elements:
             return None
         return {
-            "ground": [ground.parts for ground in self._ground.values()],
+            "ground": [ground.parts for ground in self.ground.values()],
             "frames": self._frames,
             "shared": [self._shares(shared) for shared in self._shared],
             "rows": [

@@ -31,6 +31,7 @@ from hqp.torque.reactions import Supports, reactions, require_actuation
 from hqp.torque.rest import Held
 from hqp.torque.rows import TorqueRows
 from hqp.torque.self_motion import SelfMotions
+from hqp.torque.shared import GroundAxes, blocks
 from hqp.torque.soles import with_soles
 from hqp.torque.terms import Terms
 
@@ -139,6 +140,11 @@ class TorqueProgram(Program):
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot), terms)
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
+        self._ground = {
+            c.name: self._forces.ground.get(c.name) or GroundAxes.of(c, self.assembly, robot)
+            for c in held
+            if blocks(c, c.rows(robot))
+        }
         self._rows = TorqueRows(self.dynamics.map)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot, level_prices(groups, robot, laws, formulation.order, dt, price))
@@ -428,13 +434,23 @@ class TorqueProgram(Program):
         """qdd ``(nv,)`` that the torques cause at the latest state (eq. 4)."""
         return self.dynamics.acceleration(x)
 
-    def contact_forces(self, x: Vec) -> dict[str, Vec]:
-        """Force of each reaction constraint on the robot at the latest state, in the axes of its rows [N, N m].
+    def contact_forces(self, x: Vec, world: bool = False) -> dict[str, Vec]:
+        """Force of each reaction constraint on the robot at the latest state [N, N m], -lambda in the sign of eq. (2).
 
-        It is -lambda in the sign of eq. (2).
+        A contact's force ``(3,)`` or wrench ``(6,)`` is in its axes on the ground, those of ``FrictionCone``: z along
+        the normal, x that of the contact's frame projected on the ground; in the world's axes if world.  The force of a
+        constraint between two frames is in the axes of ``relative_to``.
         """
         force = -self.dynamics.forces(x) * self.assembly.weight[: self._m]
+        for name, axes in ({} if world else self.contact_axes()).items():
+            part = force[self.assembly.members[name].part]
+            for block in range(0, part.size, 3):
+                part[block : block + 3] = part[block : block + 3] @ axes
         return {e.name: force[self.assembly.members[e.name].part] for e in self.held}
+
+    def contact_axes(self) -> dict[str, Mat]:
+        """Axes of each contact on the ground at the latest state ``(3, 3)``: columns x, y, z in the world."""
+        return {name: ground.now for name, ground in self._ground.items()}
 
     def advance(self, state: State, x: Vec) -> tuple[Vec, Vec]:
         """v+ = v + dt qdd(tau), q+ = q + dt v+; raises StaleState for another state than the latest."""

@@ -18,6 +18,9 @@ from hqp.programs.assembly import Assembly
 STEEP = math.radians(30.0)
 """Nearer to the normal the x axis of a frame tells no direction on the ground [rad]."""
 
+ALIGNED = 1e-6
+"""Sine of the angle to the normal below which an axis gives no direction, as ``kAligned`` of the native rows."""
+
 LEANS = 45.0
 """A face leans by no more: beyond half of 90 degrees another of its axes is nearer to the normal [deg]."""
 
@@ -91,6 +94,18 @@ class GroundAxes:
         usual = ground_of(contact)
         normal = usual.copy() if live is None else live
         return cls(rotation, normal, int(abs(float(home[:, 0] @ usual)) > math.cos(STEEP)), np.eye(3, order="F"))
+
+    @property
+    def now(self) -> Mat:
+        """The axes ``(3, 3)`` of the robot's latest state, from rotation and normal."""
+        for first in (self.first, 1 - self.first):
+            ahead = self.rotation[:, first]
+            ahead = ahead - float(ahead @ self.normal) * self.normal
+            size = math.sqrt(float(ahead @ ahead))
+            if size > ALIGNED:
+                break
+        x = ahead / size if first == 0 else np.cross(ahead / size, self.normal)
+        return np.column_stack([x, np.cross(self.normal, x), self.normal])
 
     @property
     def parts(self) -> dict[str, Any]:

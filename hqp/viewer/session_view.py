@@ -290,9 +290,9 @@ class View:
         return {e.name: tuple(e.row_names(self.session.robot)) for e in named}
 
     def _contact_forces(self, tick: Tick) -> dict[str, Vec]:
-        """Forces and moments of contacts at torque level."""
+        """Forces and moments of contacts in world axes, at torque level."""
         forces = getattr(self._run.program, "contact_forces", None)
-        return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
+        return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x, world=True))
 
     def _snapshot(self, tick: Tick) -> None:
         """Publish this tick; a held tick uses the rows of the last one that was not."""

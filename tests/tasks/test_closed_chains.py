@@ -176,7 +176,7 @@ def test_the_wrench_of_a_weld_is_real(robots: dict[str, Any]) -> None:
     q = robot.integrate(robot.home, rng.uniform(-0.2, 0.2, robot.nv), 1.0)
     goal = t.Com().at(robot.state(q).com() + [0.0, 0.02, 0.01])
     tick = session.step(robot.state(q, np.zeros(robot.nv)), goal)
-    forces = session.program.contact_forces(tick.x)  # type: ignore[attr-defined]
+    forces = session.program.contact_forces(tick.x, world=True)
     state = robot.state(q, np.zeros(robot.nv))
     tau = np.zeros(robot.nv)
     tau[robot.actuated] = tick.command

@@ -60,7 +60,7 @@ def test_a_payload_is_a_mass_in_the_model(robots: dict[str, Any], name: str, fra
         size = 1.0 + np.abs(b.command).max()
         assert np.allclose(a.command, b.command, atol=1e-7 * size)
         assert np.allclose(one.program.acceleration(a.x), two.program.acceleration(b.x), atol=1e-6 * size)
-        found, expected = one.program.contact_forces(a.x), two.program.contact_forces(b.x)
+        found, expected = one.program.contact_forces(a.x, world=True), two.program.contact_forces(b.x, world=True)
         for foot in expected:
             assert np.allclose(found[foot], expected[foot], atol=1e-6 * size)
 
@@ -160,7 +160,7 @@ def test_a_wrench_is_one_of_pinocchio(robots: dict[str, Any], name: str, frame: 
         tau = np.zeros(robot.nv)
         tau[robot.actuated] = tick.command
         state = robot.state(q, v)
-        for name_, force in session.program.contact_forces(tick.x).items():
+        for name_, force in session.program.contact_forces(tick.x, world=True).items():
             tau += session.stack.find(name_).jacobian(state).T @ force
         R = state.rotation(frame) if local else np.eye(3)
         tau += state.jacobian(frame).T @ np.concatenate((R @ w[:3], R @ w[3:]))

@@ -39,7 +39,7 @@ def stack(*more: Any, law: Any = None) -> Stack:
 
 def wrenches(session: Any, state: Any, x: Vec, middles: Any) -> tuple[Vec, Vec]:
     """Wrench of each foot about its middle, in world axes."""
-    forces = session.program.contact_forces(x)
+    forces = session.program.contact_forces(x, world=True)
     found = []
     for frame, (x0, y0) in zip(SOLES, middles, strict=True):
         f, m = np.split(forces[frame], 2)
