@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Element
+from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 
 from .barrier import _Barrier
@@ -34,11 +36,14 @@ class SupportPolygon(_Barrier):
     Without points and polygon they are those of the stack's contacts (contacts: a subset of these, by name): the
     corners of its CenterOfPressure, those of sole = (x_min, x_max, y_min, y_max) [m] in the frame of a face that has
     none, the origin of a PointContact or a wheel.  points: ((frame, x, y, z), ...) in the frames' axes [m], found anew
-    each tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  of: contact of each point, which is not part of
-    the hull while the contact is out; filled in with them.  rate [1/s], recovery [m/s], acceleration [m/s^2]: see
-    ``Within``, slower by default, because a foot can push the body aside only a little.  Raises DeclarationError for
-    fields, fewer than three points and faces of unknown size, FrameNotFound on binding.
+    each tick.  polygon: ((x, y), ...) in the world [m]; ``at`` gives another one for a tick.  margin [m].  of: contact
+    of each point, which is not part of the hull while the contact is out; filled in with them.  rate [1/s], recovery
+    [m/s], acceleration [m/s^2]: see ``Within``, slower by default, because a foot can push the body aside only a
+    little.  Raises DeclarationError for fields, fewer than three points and faces of unknown size, FrameNotFound on
+    binding.
     """
+
+    steered: ClassVar[bool] = True
 
     contacts: str | Sequence[str] | None = None
     sole: tuple[float, float, float, float] | None = None
@@ -128,16 +133,31 @@ class SupportPolygon(_Barrier):
             raise self.invalid("points", (), "points or a polygon; in a stack they are taken from its contacts")
         return count
 
-    def corners(self, state: State) -> Mat:
+    def hold(self, state: State) -> Reference:
+        """The declared polygon ``(m, 2)`` [m]; no value for points of frames."""
+        return Reference(self.name, np.array(self.polygon, dtype=np.float64) if self.polygon else None)
+
+    def at(self, polygon: ArrayLike) -> Reference:
+        """The polygon of this tick, as many corners ``(m, 2)`` in the world [m] as declared; a corner may occur twice.
+
+        Raises DeclarationError for shapes, and for an element whose points are those of frames.
+        """
+        if not self.polygon:
+            raise self.invalid(
+                "polygon", polygon, "polygon=... in the declaration, for points of frames move by themselves"
+            )
+        return Reference(self.name, numbers(self.name, "polygon", polygon, (len(self.polygon), 2)))
+
+    def corners(self, state: State, polygon: Mat | None = None) -> Mat:
         """The points in the world ``(m, 2)`` [m]."""
         if self.polygon:
-            return np.array(self.polygon, dtype=np.float64)
+            return np.array(self.polygon if polygon is None else polygon, dtype=np.float64)
         placed = [state.position(f) + state.rotation(f) @ np.array(p, dtype=np.float64) for f, *p in self.points]
         return np.array(placed)[:, :2]
 
-    def edges(self, state: State) -> tuple[Mat, Vec]:
+    def edges(self, state: State, polygon: Mat | None = None) -> tuple[Mat, Vec]:
         """Outward normals ``(m, 2)`` and n . p ``(m,)`` of the edges that start at each point; zero, inf for none."""
-        corners = self.corners(state)
+        corners = self.corners(state, polygon)
         normals, offsets = np.zeros_like(corners), np.full(len(corners), math.inf)
         found = among_present(corners, present(self.of, state))
         for i, j in zip(found, found[1:] + found[:1], strict=True):
@@ -148,18 +168,18 @@ class SupportPolygon(_Barrier):
                 offsets[i] = float(normals[i] @ corners[i])
         return normals, offsets
 
-    def bounds(self, state: State) -> tuple[float, Vec]:
+    def bounds(self, state: State, polygon: Mat | None = None) -> tuple[float, Vec]:
         """(-inf, n . (p - c) - margin) [m], infinite for a point inside."""
-        normals, offsets = self.edges(state)
+        normals, offsets = self.edges(state, polygon)
         return -math.inf, offsets - normals @ state.com()[:2] - self.margin
 
-    def jacobian(self, state: State) -> Mat:
+    def jacobian(self, state: State, polygon: Mat | None = None) -> Mat:
         """n . J_com ``(m, nv)``."""
-        return self.edges(state)[0] @ state.com_jacobian()[:2]
+        return self.edges(state, polygon)[0] @ state.com_jacobian()[:2]
 
-    def drift(self, state: State) -> Vec:
+    def drift(self, state: State, polygon: Mat | None = None) -> Vec:
         """n . dJ_com/dt v ``(m,)`` [m/s^2]."""
-        return self.edges(state)[0] @ state.com_drift()[:2]
+        return self.edges(state, polygon)[0] @ state.com_drift()[:2]
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The frames of the points, numbered."""

@@ -335,9 +335,10 @@ class Within:
 
 @dataclass(frozen=True, eq=False)
 class SupportPolygon:
-    """Points of frames, or corners ``(x, y)`` in the world, that the centre of mass stays between; no reference.
+    """Points of frames, or corners ``(x, y)`` in the world, that the centre of mass stays between.
 
-    of: the contact of each point, ``()`` for none.
+    The reference is ``(m, 2)``, other corners of the tick; none for points of frames.  of: the contact of each point,
+    ``()`` for none.
     """
 
     points: tuple[tuple[Frame, tuple[float, ...]], ...]
@@ -347,7 +348,11 @@ class SupportPolygon:
     recovery: float
     outset: float
     of: tuple[str, ...]
-    shape: tuple[int, ...] = field(default=(), init=False)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the reference's value."""
+        return (len(self.polygon), 2) if self.polygon else ()
 
 
 @dataclass(frozen=True, eq=False)

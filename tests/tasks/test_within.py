@@ -404,3 +404,31 @@ def test_a_missing_drift_is_told_before_the_loop(robots: dict[str, Any]) -> None
     labelled = Labelled(frame="panda_hand", task=Height(frame="panda_hand"))
     for element in (labelled, dataclasses.replace(labelled, task="carry")):
         hqp.Controller(Stack(Level(element)), hqp.Acceleration()).session(robot, DT).step(robot.state())
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+def test_a_polygon_given_for_a_tick_is_one_declared(robots: dict[str, Any], kind: str) -> None:
+    """The centre of mass stays in the polygon of the tick, with the command of a stack that declares it."""
+    robot = robots["g1"]
+    com, corners = robot.state().com()[:2], np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    task = t.Com(name="com", law=P(2.0) if kind == "velocity" else PD(20.0))
+    wide = t.SupportPolygon(polygon=tuple(map(tuple, (com + 0.3 * corners).tolist())), name="polygon")
+    small = com + [0.0, 0.01] + 0.02 * corners
+
+    def started(bound: t.SupportPolygon) -> Any:
+        stack = Stack(Level(task), Level(t.Posture()), subject_to=[*contacts(robot), bound])
+        return hqp.Controller(stack, FORMULATIONS[kind], deadline=math.inf).session(robot, DT)
+
+    given = started(wide)
+    declared = started(t.SupportPolygon(polygon=tuple(map(tuple, small.tolist())), name="polygon"))
+    q, v, goal = robot.home, np.zeros(robot.nv), task.at(robot.state().com() + [0.1, 0.0, 0.0])
+    for _ in range(400):
+        state = robot.state(q, v)
+        one, other = given.step(state, goal, wide.at(small)), declared.step(state, goal)
+        assert np.array_equal(one.command, other.command)
+        q, v = one.advance()
+    assert robot.state(q).com()[0] == pytest.approx(com[0] + 0.02, abs=2e-3)
+    with pytest.raises(DeclarationError, match="polygon"):
+        wide.at(small[:3])
+    with pytest.raises(DeclarationError, match="polygon"):
+        t.SupportPolygon(sole=(-0.1, 0.1, -0.1, 0.1)).at(small)

@@ -153,6 +153,7 @@ class SupportPolygon final : public Operation {
   void run(const double* q, const double* v) override {
     constexpr double kNone = std::numeric_limits<double>::infinity();
     com_->run(q, v);
+    if (out_.given) hull_.move(out_.reference);
     hull_.update();
     const std::vector<int>& hull = hull_.corners();
     const int m = hull_.size(), nv = out_.nv;

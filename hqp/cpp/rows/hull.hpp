@@ -32,6 +32,11 @@ class Hull {
     place();
     find_hull();
   }
+  // Corners of the world are these from now on, two numbers each.
+  void move(const double* to) {
+    for (Corner& corner : corners_)
+      if (corner.fixed) corner.point = {to[0], to[1], 0.0}, to += 2;
+  }
   int size() const { return static_cast<int>(corners_.size()); }
   bool present(int i) const { return corners_[i].present; }
   // Corners of a contact are some of the polygon where that is there.

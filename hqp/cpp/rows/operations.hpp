@@ -204,7 +204,7 @@ class Operations {
       if (corner.size() != 2) throw std::invalid_argument("a corner of a polygon has two numbers");
       corners.push_back({true, {}, {corner[0], corner[1], 0.0}});
     }
-    fit(out, corners.size(), 0);
+    fit(out, corners.size(), 2 * p.parts("polygon").size());
     return std::make_unique<SupportPolygon>(out, std::move(own), std::move(com), std::move(corners), p.number("margin"),
                                             p.barrier(dt_), order_);
   }
