@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from typing import Any
-
-if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-    os.environ.setdefault("MUJOCO_GL", "egl")
 
 import mujoco
 import numpy as np

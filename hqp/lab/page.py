@@ -156,11 +156,11 @@ def _residuals(subplots: Any, bench: Bench) -> Any:
         vertical_spacing=0.2 / max(2, len(names)),
     )
     for i, run in enumerate(bench.runs):
-        for k in range(len(run.levels)):
+        for k, name in enumerate(run.levels):
             t, curve = _largest(run.residuals[:, k], run.dt)
             style = {"color": _color(i), "width": 2}
-            y = np.maximum(curve, LEAST)
-            figure.add_scatter(x=t, y=y, name=run.solver, line=style, showlegend=k == 0, row=k + 1, col=1)
+            y, row = np.maximum(curve, LEAST), names.index(name) + 1
+            figure.add_scatter(x=t, y=y, name=run.solver, line=style, showlegend=k == 0, row=row, col=1)
     most = max((float(np.nanmax(run.residuals, initial=0.0)) for run in bench.runs), default=0.0)
     span = [np.log10(LEAST) - 0.5, np.log10(max(most, 1.0)) + 0.5]
     figure.update_yaxes(type="log", exponentformat="power", dtick=4, range=span)

@@ -57,8 +57,15 @@ class Bench:
 
     @property
     def levels(self) -> tuple[str, ...]:
-        """Names of the hierarchy's levels."""
-        return tuple(next((line.residual_max for line in self.lines if line.residual_max), {}))
+        """Names of the levels of all hierarchies, in their order: a solver without prices may have fewer levels."""
+        found: list[str] = []
+        for line in self.lines:
+            at = 0
+            for name in line.residual_max:
+                if name not in found:
+                    found.insert(at, name)
+                at = found.index(name) + 1
+        return tuple(found)
 
     @property
     def title(self) -> str:
@@ -111,7 +118,10 @@ class Bench:
     def residual_cells(self) -> tuple[tuple[str, ...], ...]:
         """The second table's body as text: the largest residual of each level."""
         ran = [line for line in self.lines if line.ticks]
-        return tuple((s.solver, *(f"{s.residual_max.get(name, np.nan):.1e}" for name in self.levels)) for s in ran)
+        return tuple(
+            (s.solver, *(f"{s.residual_max[name]:.1e}" if name in s.residual_max else "" for name in self.levels))
+            for s in ran
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -92,6 +92,20 @@ def test_the_page_is_whole_in_itself(result: Bench, tmp_path: Path) -> None:
     assert {"over limit", "reversals/s"} <= set(re.findall(r"<th>(.*?)</th>", prose))
 
 
+def test_reports_do_not_depend_on_the_order_of_solvers(result: Bench, robot, tmp_path: Path) -> None:
+    """An exact hierarchy keeps contacts and CoM in one level, a priced one does not; each level has its plot."""
+    pytest.importorskip("plotly")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    turned = replace(result, lines=result.lines[::-1], runs=result.runs[::-1])
+    assert len({run.levels for run in result.runs}) > 1  # else it tests nothing
+    assert turned.levels == result.levels
+    assert sorted(turned.residual_cells()) == sorted(result.residual_cells())
+    html = turned.html(tmp_path / "report.html").read_text()
+    assert all(f"<th>{name}</th>" in html for name in turned.levels)
+    tables = [parquet.read_table(b.parquet(tmp_path / "b.parquet")).num_rows for b in (result, turned)]
+    assert tables == [sum(len(run.statuses) for run in result.runs)] * 2
+
+
 def test_what_misses_its_goal_is_marked(result: Bench, tmp_path: Path) -> None:
     own = result["lexicographic"]
     good = replace(own, p50_us=9.0, p95_us=10.0, p99_us=11.0, max_us=12.0, misses=0, reversals=5.0, drift=0.0, over=0.0)
