@@ -27,33 +27,34 @@ class Workspace:
     def solve(self) -> tuple[int, int, int, int]: ...
     def call(self) -> object: ...
     def core(self) -> object:
-        """A capsule of the solver itself, for ``_session``."""
+        """Return a capsule of the solver for ``_session``."""
 
     def price(self, hierarchy: object) -> bool:
-        """As ``take``, with the prices."""
+        """Take a hierarchy with its prices."""
 
     def begin(self) -> tuple[int, int, int, int] | None:
-        """Counts where stages went on from the levels above the one that was not met a solve ago; None: all are due."""
+        """Resume stages from the levels above the one unmet in the last solve, and return counts; None: all stages are
+        due."""
 
     def follow(self, x: _Vec) -> bool:
-        """Stages from the first level that x, the exact answer, does not settle; whether there is one."""
+        """Run stages from the first level that x, the exact answer, does not settle; return false if it settles all."""
 
     def unpriced_met(self, x: _Vec) -> bool:
-        """Whether the levels without a price above the last with one are met."""
+        """Return true if the levels without a price above the last priced one are met."""
 
     @property
     def head(self) -> int:
-        """The level above which all are settled, for the next solve; 0 for none known."""
+        """Level above which all levels are settled, for the next solve; 0 if unknown."""
 
     def elapsed(self) -> float:
-        """Since the latest solve began [s]."""
+        """Time since the latest solve began [s]."""
 
     def untold(self) -> None:
-        """The latest answer is one that was not found here: ``tell`` has nothing to tell of it."""
+        """Mark the latest answer as found elsewhere: ``tell`` has no multipliers for it."""
 
     def effort(self) -> tuple[int, bool, bool, bool, bool]:
-        """Steps of the latest stages, whether all reached their optima, whether one met uncertain directions, whether
-        the answer depends on such, whether that or an end is in doubt."""
+        """Steps of the latest stages; true if all reached their optima, if one met uncertain directions, if the answer
+        depends on such directions, if this or an end is in doubt."""
 
     def describe(self, x: _Vec, slack: _Vec, marks: NDArray[np.int8]) -> bool: ...
     def accounts(self, hierarchy: object, owner: NDArray[np.int32], elements: int, near: float) -> bool: ...
@@ -61,10 +62,10 @@ class Workspace:
     def points(self) -> _Vec: ...
     def end(self) -> _Vec: ...
     def limit(self, seconds: float) -> None:
-        """Of the exact kernel."""
+        """Set the time limit of the exact kernel [s]."""
 
     def limit_stages(self, seconds: float) -> None:
-        """Of all else."""
+        """Set the time limit of everything else [s]."""
 
     def report_as(
         self,
@@ -80,7 +81,7 @@ class Workspace:
         self, hierarchy: object, build_seconds: float, numbers: _Vec, multipliers: _Vec
     ) -> Solution | None: ...
     def tell(self) -> _Vec | None:
-        """Multipliers of the latest answer, live; those above the stages, or empty, where these gave it."""
+        """Multipliers of the latest answer, live; if stages gave it, those above the stages, or an empty array."""
 
     def reset(self, plain: bool = False) -> None: ...
     def turn(self, out: Sequence[bool]) -> None: ...

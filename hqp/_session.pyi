@@ -1,4 +1,4 @@
-"""Sessions from a file, and the checks of states and commands of every session (built from cpp/session)."""
+"""Sessions from a file, and checks of states and commands for every session (built from cpp/session)."""
 
 import builtins
 from collections.abc import Callable, Mapping, Sequence
@@ -11,13 +11,13 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 
 class PlanError(Exception):
-    """The file is no plan of this version."""
+    """Raised for a file that is no plan of this version."""
 
 class ReferenceError(ValueError):
-    """A reference that does not fit."""
+    """Raised for a reference that does not fit."""
 
 class Session:
-    """A session of the bytes of a file; raises PlanError with a sentence."""
+    """Session from the bytes of a file; raises PlanError with the reason."""
 
     nq: int
     nv: int
@@ -28,22 +28,22 @@ class Session:
     joint_names: Sequence[str]
     home: Sequence[float]
     sizes: tuple[int, int, int]
-    """Numbers of a command, of x, and levels."""
+    """Lengths of command and x, and number of levels."""
     counters: tuple[int, int, int, int, int, int, float, float]
-    """As hqp.explanation.counters.Counters."""
+    """Counters in the order of hqp.explanation.counters.Counters."""
     heartbeat: int
 
     def __init__(self, file: bytes, key: bytes) -> None: ...
     def step(
         self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec, time: float | None, now: float
     ) -> tuple[int, int, list[tuple[str, int, str]]]:
-        """One tick into command, x and residuals: its status, how long it has been held, its notes.
+        """Run a tick into command, x and residuals; return status, ticks held, and notes.
 
-        time, now: of the state, None where it does not tell, and of the tick [s].
+        time, now: measurement time of the state, None if unknown, and time of the tick [s].
         """
 
     stopped: str
-    """The reason of the stop, "" while the session runs."""
+    """Reason of the stop, "" while the session runs."""
 
     def stop(self, reason: str) -> None:
         """Come to rest and hold until ``resume``; any thread may call both."""
@@ -52,31 +52,31 @@ class Session:
         """End a stop."""
 
     def begin(self, command: Vec, q: Vec | None, v: Vec | None) -> None:
-        """Start from the command that is sent now; q, v: the state, None if unknown."""
+        """Start from the present command; q, v: the state, None if unknown."""
 
     def tell(self, reference: int, what: int, values: Vec) -> None:
-        """What the next step is told: 0 a value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 a hold value."""
+        """Set a reference of the next step: 0 value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 hold value."""
 
     def say(self, reference: int, present: bool) -> None:
-        """Whether an element is in, in the next step."""
+        """Switch an element on or off in the next step."""
 
     def phase(self, name: str) -> None:
-        """The phase of the steps from now on, "" for none."""
+        """Set the phase of the following steps, "" for none."""
 
     def held(self, reference: int) -> Sequence[float]:
-        """The hold value."""
+        """Return the hold value of an element."""
 
     def integrate(self, q: Vec, v: Vec, dt: float, out: Vec) -> None:
-        """q after moving with v for dt [s]."""
+        """Write q after motion with v for dt [s] to out."""
 
     def reset(self) -> None:
-        """As just made."""
+        """Return to the initial state."""
 
 class Live:
-    """A session over the arrays of a program: the tree of ``hqp.loop.document.live_tree``, with its callbacks.
+    """Session over the arrays of a program: the tree of ``hqp.loop.document.live_tree``, with its callbacks.
 
-    good: whether a command was sent, by an answer or as ``begin`` says.  start: the x that rates of the first tick
-    start from.  held: for how many ticks the command has been coming to rest.
+    good: true after a command by an answer or by ``begin``.  start: the x from which rates of the first tick count.
+    held: ticks for which the command has been coming to rest.
     """
 
     good: bool
@@ -89,13 +89,14 @@ class Live:
 
     def __init__(self, tree: Mapping[str, Any]) -> None: ...
     def tell(self, references: tuple[Reference, ...]) -> int:
-        """Give the next step references: -1, or the place of the first one that does not fit, of which none is kept."""
+        """Set references of the next step; return -1, or the index of the first one that does not fit, and keep none
+        then."""
 
     def aim(self, targets: dict[str, Any]) -> bool:
-        """Give it targets by name that are taken unchanged; False for one that is not."""
+        """Set targets by name that need no conversion; return false if one does."""
 
     stopped: str
-    """The reason of the stop, "" while the session runs."""
+    """Reason of the stop, "" while the session runs."""
 
     def stop(self, reason: str) -> None:
         """Come to rest and hold until ``resume``, in all lines of a session; any thread may call both."""
@@ -104,40 +105,40 @@ class Live:
         """End a stop."""
 
     def begin(self, command: Vec, q: Vec | None, v: Vec | None, angles: Vec | None) -> bytearray:
-        """Start from the command that is sent now; its record.  q, v, angles: of the state, None if unknown."""
+        """Start from the present command and return its record.  q, v, angles: the state, None if unknown."""
 
     def ask(self) -> None:
-        """All rows of the next step are filled in Python."""
+        """Fill all rows of the next step in Python."""
 
     def phase(self, name: str) -> None:
-        """The phase of the steps from now on, "" for none."""
+        """Set the phase of the following steps, "" for none."""
 
     def step(
         self, q: Vec, v: Vec, time: float | None, now: float, angles: Vec | None, fault: str | None
     ) -> bytearray | tuple[bytearray, int, int, list[tuple[str, int, str]], int]:
-        """One tick: its record (``hqp.loop.record``); with status, ticks held, notes and how many of these are not on
-        limits of joints where it is not simply optimal.
+        """Run a tick and return its record (``hqp.loop.record``); unless plainly optimal, also status, ticks held,
+        notes, and the number of notes that do not concern limits of joints.
 
-        time, now: of the state, None where it does not tell, and of the tick [s].  angles: of q where native kinematics
-        do not know all joints.  fault: why the state is not valid, None where that is to be found.
+        time, now: measurement time of the state, None if unknown, and time of the tick [s].  angles: angles of q if
+        native kinematics lack a joint.  fault: reason of an invalid state, None to check it here.
         """
 
     def follow(self, other: Live) -> None:
-        """Go on with what another session sent last."""
+        """Continue from the last command of another session."""
 
     def keep_hold(self, name: str, value: Vec) -> None:
-        """Hold an element at this value, flat, until it is out."""
+        """Hold an element at this flat value until it is switched off."""
 
     def holds(self) -> dict[str, list[float]]:
-        """Hold values, flat, by name."""
+        """Return hold values, flat, by name."""
 
     def too_large(self, q: Vec, v: Vec, angles: Vec) -> str:
-        """Which number of a valid state is too large; "" for none."""
+        """Name the number of a valid state that is too large; "" for none."""
 
 class Transition:
-    """From one session to another without a jump: hqp/cpp/session/transition.hpp.
+    """Transition from one session to another without a jump: hqp/cpp/session/transition.hpp.
 
-    depth: how many transitions are under way, this one included.  progress: 0 at the start, 1 at the end.
+    depth: number of transitions under way, this one included.  progress: 0 at the start, 1 at the end.
     """
 
     depth: int
@@ -151,53 +152,54 @@ class Transition:
         under_way: Transition | None,
         owner: object,
     ) -> None:
-        """sessions: of the stacks on the way.  way: of ``hqp.loop.transition.way``.  under_way: to the first one.
-        owner: has this object and the sessions; its begins, before, after and sent are called in a tick."""
+        """sessions: one for each stack on the path.  way: result of ``hqp.loop.transition.way``.  under_way: transition
+        to the first session.  owner: owner of this object and the sessions; each tick calls its begins, before, after
+        and sent."""
 
     def measure(self, name: str, load: float) -> None:
-        """Load that a contact was measured to bear in the next tick [N]."""
+        """Set the measured load of a contact in the next tick [N]."""
 
     def step(self, q: Vec, v: Vec, time: float | None, now: float, angles: Vec | None, fault: str | None) -> None:
-        """One tick of both stacks of the pair; arguments as of ``Live.step``."""
+        """Run a tick of both stacks of the pair; arguments as in ``Live.step``."""
 
     def end(self) -> None:
-        """Let the last session go on alone from what was sent."""
+        """Let the last session continue alone from the last command."""
 
     def pass_on(self, session: Live) -> None:
-        """Let another session go on alone from what was sent."""
+        """Let another session continue alone from the last command."""
 
     def begin(self) -> None:
-        """Start from the command that all sessions have begun with."""
+        """Start from the command of the sessions' own ``begin``."""
 
 class RateLimiter:
-    """Holds the change of a command within a limit of that name; inverse: one over the largest change in a tick."""
+    """Limiter of the change of a command, with the name of the limit; inverse: one over the largest change per tick."""
 
     inverse: Sequence[float]
 
     def __init__(self, joints: Sequence[str], inverse: Sequence[float], dt: float, name: str) -> None: ...
 
 class ContactWatch:
-    """Counts the ticks for which each contact has carried next to nothing, by the loads given for it."""
+    """Counter of the ticks in which the given load of a contact is close to zero."""
 
     LEAST_LOAD: float
 
     def __init__(self, names: Sequence[str], dt: float) -> None: ...
 
 class LimitWatch:
-    """Counts how often each limit of a joint binds on the one side and then on the other, by the marks of its rows."""
+    """Counter of alternations of each joint limit between its two sides, by the marks of its rows."""
 
     SPAN: float
-    """Alternations are counted over this time, in the mean [s]."""
+    """Time constant of the mean number of alternations [s]."""
     OFTEN: float
-    """Alternations a second from which on a joint is restless."""
+    """Alternations per second above which a joint is restless."""
 
     def __init__(self, parts: Sequence[tuple[int, int]], names: Sequence[str], dt: float) -> None: ...
     def look(self, record: bytearray, begin: int, tick: int) -> list[tuple[str, int, str]]:
-        """Notes on limits that alternate, with how often, by the marks of all rows from ``begin`` on; needed where
-        they changed, or busy."""
+        """Return notes on alternating limits with their rates, by the marks of all rows from ``begin`` on; call it if
+        marks changed, or while busy."""
 
 class Budget:
-    """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""
+    """Time budget of a tick: the solver's share, so that the work after it ends by the deadline [s]."""
 
     LATE: float
     STEP: float
@@ -208,33 +210,33 @@ class Budget:
 
     def __init__(self, deadline: float) -> None: ...
     def begin(self, now: float) -> None:
-        """A tick begins that may be cut; now: CPU time of the thread."""
+        """Begin a tick that may be cut; now: CPU time of the thread."""
 
     def skip(self) -> None:
-        """The tick that ends next was not measured from its begin."""
+        """Exclude the next end from the measurement: its begin was not measured."""
 
     def left(self, spent: float) -> float:
-        """Time for the solver, after so much of the tick."""
+        """Return the time left for the solver after ``spent`` [s] of the tick."""
 
     def end(self, now: float, cut: bool) -> None:
-        """The tick ends; cut: its solver was stopped."""
+        """End the tick; cut: the solver was stopped."""
 
 class Rest:
     """Answers that bring a robot to rest."""
 
 class Brake(Rest):
-    """Acceleration level."""
+    """Answers that brake, at acceleration level."""
 
     def __init__(self, nv: int, joints: Sequence[int], deceleration: float, dt: float) -> None: ...
 
 class Outgoing:
-    """What is sent of the answers to a hierarchy: notes of element, number of a status and text.
+    """Commands sent for the answers to a hierarchy, with notes of element, number of a status and text.
 
-    before: the x that was sent last, whether an answer was usable before, and the number of the tick.
+    before: the last x sent, true if an answer has been usable before, and the number of the tick.
     """
 
     LONGEST: int
-    """After so many ticks that were cut the answers before tell little of what comes."""
+    """Number of cut ticks after which earlier answers no longer predict the next one."""
 
     def __init__(
         self,
@@ -245,9 +247,9 @@ class Outgoing:
         violation: float,
         sentences: Sequence[str],
     ) -> None:
-        """parts: of elements of subject_to, name, level, first and last row in it and their names.  motors: their
-        places in x.  most: by how much one may change in a tick towards an answer that was cut.  violation:
-        VIOLATION_TOLERANCE.  sentences: on each status."""
+        """parts: elements of subject_to by name, level, first and last row in it and row names.  motors: their places
+        in x.  most: largest change in a tick towards a cut answer.  violation: VIOLATION_TOLERANCE.  sentences: text of
+        each status."""
 
     def take(
         self,
@@ -259,10 +261,10 @@ class Outgoing:
         limiter: RateLimiter | None,
         x: Vec,
     ) -> tuple[bool, list[tuple[str, int, str]]]:
-        """The answer of a solver, or what is sent in its place, into x; whether it is usable.
+        """Write the answer of a solver, or its replacement, to x; return false if it is unusable, and notes.
 
-        answer: number of its status, x, slacks of all rows, of no account where it is OPTIMAL, and detail.  rest,
-        start: as below, of this state.
+        answer: number of its status, x, slacks of all rows, unused if it is OPTIMAL, and detail.  rest, start: as in
+        ``rest``, for this state.
         """
 
     def rest(
@@ -276,23 +278,23 @@ class Outgoing:
         limiter: RateLimiter | None,
         x: Vec,
     ) -> list[tuple[str, int, str]]:
-        """The next x towards rest.  start: angles, v, holding and felt of this state, if it is fit, or of the last good
-        one.  held: for how many ticks by now.  why: the status of the tick."""
+        """Write the next x towards rest.  start: angles, v, holding and felt of this state, if it is valid, or of the
+        last valid one.  held: ticks at rest so far.  why: status of the tick."""
 
     def solved(self, x: Vec, tick: int) -> None:
-        """A solved answer that was sent in the tick of that number."""
+        """Report a solved answer that was sent in a tick."""
 
 class Batch:
-    """Worlds of the bytes of a file over threads; raises PlanError with a sentence."""
+    """Worlds from the bytes of a file over threads; raises PlanError with the reason."""
 
     sizes: tuple[int, int, int]
-    """Numbers of a command, of x, and levels."""
+    """Lengths of command and x, and number of levels."""
     state: tuple[int, int]
     """nq and nv."""
     threads: int
     bytes: int
     kind: str
-    """velocity, acceleration or torque: what a command is."""
+    """Kind of the command: velocity, acceleration or torque."""
     counters: tuple[int, int, int, int, int, int, float, float]
 
     def __init__(self, file: builtins.bytes, count: int, threads: int, key: builtins.bytes) -> None: ...
@@ -306,10 +308,10 @@ class Batch:
         residuals: Mat,
         x: Mat,
     ) -> None:
-        """One tick of all worlds, without the lock of the interpreter."""
+        """Run a tick of all worlds, without the interpreter lock."""
 
     def integrate(self, q: Mat, v: Mat, dt: float, out: Mat) -> None:
-        """q after moving with v for dt [s], of all worlds."""
+        """Write q after motion with v for dt [s] to out, for all worlds."""
 
     def stop(self, world: int, reason: str) -> None:
         """Come to rest and hold until ``resume``."""
@@ -318,7 +320,7 @@ class Batch:
         """End a stop."""
 
     def begin(self, world: int, command: Vec, q: Vec | None, v: Vec | None) -> None:
-        """Start from the command that is sent now; q, v: the state, None if unknown."""
+        """Start from the present command; q, v: the state, None if unknown."""
 
     def reset(self, world: int) -> None:
-        """As just made."""
+        """Return to the initial state."""

@@ -47,7 +47,7 @@ def prose(path: Path) -> Iterator[str]:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         yield re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-    elif path.suffix == ".py":
+    elif path.suffix in {".py", ".pyi"}:
         for node in ast.walk(ast.parse(text)):
             if (
                 isinstance(node, ast.Expr)
@@ -79,7 +79,7 @@ def counted() -> tuple[Counter[str], dict[str, list[list[str]]]]:
     found: dict[str, list[list[str]]] = {}
     for name in files:
         path = ROOT / name
-        if path.suffix not in {".py", ".hpp", ".cpp", ".md"} or "results" in name or path.is_symlink():
+        if path.suffix not in {".py", ".pyi", ".hpp", ".cpp", ".md"} or "results" in name or path.is_symlink():
             continue
         if not path.is_file() or name.startswith(("build", "tests/data")):
             continue
