@@ -12,7 +12,7 @@ from .contacts import runs
 from .tracker import Pass, Tracker
 
 SHORT = 0.1
-"""A shorter lag needs no other anchor [s]."""
+"""Duration of a lag above which the motion needs another anchor [s]."""
 
 MOST = 5
 """Maximum number of anchors."""

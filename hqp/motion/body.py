@@ -14,7 +14,7 @@ from .joints import SIDES
 from .skeleton_map import SkeletonMap
 
 SHORTEST = 0.02
-"""A limb shorter than this has two frames at one place [m]."""
+"""Length of a limb below which two of its frames coincide [m]."""
 
 
 @dataclass(frozen=True)

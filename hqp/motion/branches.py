@@ -14,10 +14,10 @@ from hqp.goals import Reached, reach
 from .tracker import LEAN, OFF, Tracker
 
 HEADINGS = (0.0, 0.5 * math.pi, -0.5 * math.pi, math.pi)
-"""From which a search begins, from the trunk's own [rad]."""
+"""First headings of a search, relative to the trunk's [rad]."""
 
 SAME = 5e-3
-"""Residuals that differ by less are alike [m, rad]: the earlier start is taken."""
+"""Difference below which two residuals count as equal [m, rad]; the earlier start then wins."""
 
 ABOVE = ("subject_to", "stance", "ground", "swing", "hands")
 """Levels that a start has to meet; if one does with an upright trunk and level soles, the search ends."""

@@ -14,7 +14,7 @@ CUTOFF = 10.0
 """Cutoff of ``Motion.smoothed`` [Hz]: marker noise is above it and motion of human limbs below."""
 
 EDGE = 9
-"""Least number of samples by which a filter continues a motion beyond its ends, point-reflected."""
+"""Least number of point-reflected samples that a filter adds beyond each end."""
 
 TURNS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
     "x": ((1, 2, 0), (1, 1, 1)),

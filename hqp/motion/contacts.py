@@ -13,22 +13,22 @@ from hqp.arrays import Mat, Vec
 from .joints import SIDES
 
 ON, OFF = 0.15, 0.3
-"""Speed below which a rest begins and above which it ends, of a leg of one metre [m/s]."""
+"""Speed below which a rest begins and above which it ends, for a leg of 1 m [m/s]."""
 
 WINDOW = 0.04
-"""Time over which a speed is taken [s]: shorter, and the noise of markers ends rests."""
+"""Time over which a speed is measured [s]; with a shorter one, the noise of markers ends rests."""
 
 SHORT = 0.06
-"""Rests and gaps shorter than this are ignored [s]."""
+"""Duration below which rests and gaps are ignored [s]."""
 
 NEAR = 0.12
-"""A hand or a knee this far above the ground rests on it, of a leg of one metre [m]; wrists and knees are not skin."""
+"""Height below which a hand or a knee rests on the ground, for a leg of 1 m [m]: joints lie inside the body."""
 
 BESIDE = 0.6
-"""Radius around a foothold within which the ground has its height, for a leg of one metre [m]."""
+"""Radius around a foothold within which the ground has its height, for a leg of 1 m [m]."""
 
 LEVEL = 0.05
-"""Heights that differ by less are one ground, of a leg of one metre [m]."""
+"""Difference below which two heights are one ground, for a leg of 1 m [m]."""
 
 Mask = NDArray[np.bool_]
 LIMBS = ("foot", "hand", "knee")

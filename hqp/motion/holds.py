@@ -10,7 +10,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 
 ALIKE = 2e-3
-"""Ends of a foot whose heights differ by less are as low as each other [m]."""
+"""Height difference below which both ends of a foot count as lowest [m]."""
 
 
 class Plane(NamedTuple):

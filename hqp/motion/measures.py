@@ -18,7 +18,7 @@ from .stacks import Stacks
 from .targets import Targets
 
 LEVEL = 2e-3
-"""A sole whose toe and heel differ in height by less is flat [m]."""
+"""Height difference of toe and heel below which a sole is flat [m]."""
 
 
 @dataclass(frozen=True)

@@ -13,22 +13,22 @@ from .contacts import Mask
 from .joints import OPTIONAL, SIDES
 
 STANDS = 0.5
-"""Hips that are higher above the ankles than this are those of one who stands, of a leg of one metre [m]."""
+"""Height of the hips above the ankles beyond which a person stands, for a leg of 1 m [m]."""
 
 LEVEL = 0.5
-"""Cosine between the trunk and the vertical, below which the trunk is nearer to level than to upright."""
+"""Cosine between the trunk and the vertical below which a person lies."""
 
 FLOOR = (-0.05, 0.15)
-"""Heights of the lowest joint on the floor of a file, for a leg of one metre [m]: joints are not skin."""
+"""Range of the lowest joint's height on the floor of a file, for a leg of 1 m [m]: joints lie inside the body."""
 
 STILL = 0.05
-"""A lowest joint that is slower rests, of a leg of one metre [m/s]."""
+"""Speed below which the lowest joint rests, for a leg of 1 m [m/s]."""
 
 BACKWARDS = 0.03
-"""Toes and knees that point backwards by more are those of a mirrored person, of a leg of one metre [m]."""
+"""Backward offset of toes and knees beyond which a person is mirrored, for a leg of 1 m [m]."""
 
 FOOT = 0.17
-"""Length of a foot that was not recorded, of a leg of one metre [m]."""
+"""Length of a foot without recorded toes, for a leg of 1 m [m]."""
 
 Joints = Mapping[str, Mat]
 

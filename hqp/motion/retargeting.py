@@ -28,7 +28,7 @@ from .targets import targets_of
 from .tracker import Tracker
 
 LEAST_RATE = 100.0
-"""Ticks a second, at least: a frame of a slower motion is several ticks [1/s]."""
+"""Least tick rate [1/s]; a frame of a slower motion takes several ticks."""
 
 
 def retarget(

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from .retargeted import Retargeted
 
 BESIDE = 1.0
-"""The person stands so far to the left of the robot, of its height [m]."""
+"""Distance of the person to the left of the robot, as a share of the person's height."""
 
 LOOKS = 9
-"""Frames of a motion that a visitor's camera has in the picture."""
+"""Number of a motion's frames that the first camera view contains."""
 
 PERSON = (22, 104, 199)
 

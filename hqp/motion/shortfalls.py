@@ -16,7 +16,7 @@ from .contacts import runs
 from .tracker import LEAN, OFF, Tracker
 
 NOTED = 5e-3
-"""Threshold for a hand or a foot: beyond it the cause is recorded, frame by frame [m]."""
+"""Error of a hand or a foot beyond which each frame records the cause [m]."""
 
 PARTS = ("left_toe", "right_toe", "left_hand", "right_hand")
 
@@ -24,7 +24,7 @@ LIMITS = {**dict.fromkeys(PARTS, OFF), **dict.fromkeys(("torso", "left_sole", "r
 """Errors beyond which a part is behind [m; rad for trunk and soles]."""
 
 GAP = 0.1
-"""Stretches behind that are nearer than this are one [s]."""
+"""Gap below which two shortfalls are one [s]."""
 
 
 OTHER_END, ON_ITS_WAY = "it stands on its other end", "on its way"

@@ -27,13 +27,13 @@ BELOW = 10.0
 """Rate for trunk and limbs: they recover slowly from deviations for hands and feet [1/s]."""
 
 POSTURE = 1.0
-"""With which joints that nothing else moves go home [1/s]."""
+"""Rate at which free joints move home [1/s]."""
 
 RECOVERY = 0.5
-"""Fastest way out of the floor and out of a collision [m/s]."""
+"""Largest speed out of the floor and out of a collision [m/s]."""
 
 INFLUENCE = 0.05
-"""Links nearer than this slow down towards each other and towards the floor [m]."""
+"""Distance below which links slow down towards each other and towards the floor [m]."""
 
 FLOOR = "floor"
 

@@ -14,7 +14,7 @@ from .joints import SIDES
 from .skeleton_map import Offset, SkeletonMap
 
 NEAR = 1e-3
-"""A frame whose height differs by less from the lowest shapes of its link is that of a sole [m]."""
+"""Height above the lowest shapes of its link below which a frame belongs to the sole [m]."""
 
 
 def suggest_map(robot: Robot) -> SkeletonMap:

@@ -16,13 +16,13 @@ from .joints import SIDES
 from .person import joints_of, leg_of, with_toes
 
 LOW = 0.02
-"""The floor is where the ankles are at this quantile of the frames in which they are slow."""
+"""Quantile of the heights of slow ankles that gives the floor."""
 
 FLAT = 0.15
-"""A foot that rests and is tilted by less is flat [rad]."""
+"""Tilt below which a resting foot is flat [rad]."""
 
 RAMP = 0.25
-"""Duration of a hand's way from its arm's pose to its contact [s]."""
+"""Duration of the blend from the arm's pose to a hand's contact [s]."""
 
 Z = np.array([0.0, 0.0, 1.0])
 

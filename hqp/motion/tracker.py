@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     from .smoothing import Course
 
 RELEASE = 0.2
-"""A foot that leaves the ground comes from where it stood to where the person's is in so long [s]."""
+"""Duration of the blend from a foot's stance to the person's foot after lift-off [s]."""
 
 OFF = 0.05
-"""A hand or a foot further off than this is behind [m]."""
+"""Error beyond which a hand or a foot is behind [m]."""
 
 LEAN = 0.8
-"""A trunk or a sole turned further from its target than this leans [rad]."""
+"""Rotation error beyond which a trunk or a sole is behind [rad]."""
 
 SLIDE = 5e-3
-"""A tick in which a standing foot would move faster is solved again [m/s]."""
+"""Speed of a standing foot above which a tick is solved again [m/s]."""
 
 CORRECTIONS = 3
-"""At most, in a frame: each leaves the square of the error."""
+"""Largest number of corrections in a frame; each squares the error."""
 
 TRUNK = ("torso", "hips")
 ZERO = np.zeros(2)
 
 SETTLING, STILL = 3.0, 1e-3
-"""Levels that are far down take so long to settle at first [s]; slower than this is at rest [rad/s]."""
+"""Longest time for the first posture, which low levels need [s]; speed below which it is at rest [rad/s]."""
 
 
 @dataclass
@@ -226,8 +226,8 @@ class Tracker:
     ) -> tuple[State, dict[str, Vec], str]:
         """The state one period later, with standing feet where they stand.
 
-        Fast joint rotation moves a foot by more than the first order.  By so much its reference is quicker, first as in
-        the tick before, ``bent`` by task, then as the tick itself came out.
+        Fast joint rotation moves a foot by more than the first order.  A correction of its reference velocity cancels
+        the rest: first that of the previous tick, ``bent`` by task, then from the tick's own error.
         """
         q, v, names = state.q, state.v, [task.name for task in spots]
         feet = {r.name: r for r in references if r.name in names}

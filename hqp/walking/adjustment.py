@@ -11,10 +11,10 @@ from hqp.arrays import Vec
 from hqp.walking.footsteps import Foothold, Footsteps
 
 TIMES = 24
-"""Landing times that are compared."""
+"""Number of landing times compared."""
 
 MEETS = 10.0
-"""A DCM that is missed costs so much more than a foothold or a time that is not the planned one, squared."""
+"""Weight of the DCM error relative to changes of foothold and time, before squaring."""
 
 
 @dataclass(frozen=True, kw_only=True)

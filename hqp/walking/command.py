@@ -21,7 +21,7 @@ With --view it is shown in a browser and goes where keys in the terminal say: {K
 simulated: the walk is predicted by the model and written as arrays."""
 
 STAND = 1.0
-"""Before the walk [s]."""
+"""Duration of standing before the walk [s]."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

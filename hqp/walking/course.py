@@ -29,10 +29,10 @@ NOISY = Sensors(
 """A usual humanoid's: IMU, encoders, foot forces [rad, rad/s, m/s^2, N]."""
 
 LEAST = 0.9
-"""A foot that bears so many newtons per kilogram of the robot stands, for the estimator."""
+"""Load of a standing foot for the estimator, per mass of the robot [N/kg]."""
 
 FALLEN = 0.7
-"""Share of the CoM's height below which a robot has fallen."""
+"""Share of the CoM's height below which a robot counts as fallen."""
 
 
 BANDWIDTH = 50.0

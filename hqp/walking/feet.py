@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hqp.declare.robot import State
 
 MARGIN, SHARE = 0.01, 0.3
-"""The centre of pressure keeps this far from the edge of a sole [m], at most this share of its half width."""
+"""Margin of the centre of pressure to the edge of a sole [m], and its limit as a share of the sole's half width."""
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from hqp.walking.footsteps import Command
 from hqp.walking.gait import Gait, Reach
 
 QUICK = 2.0 / 3.0
-"""Shortest step time, a share of that of the gait: a swing foot of G1 still follows its path to 1 mm."""
+"""Shortest step time as a share of the gait's: a swing foot of G1 still follows its path to 1 mm."""
 
 COMFORT = 0.6
-"""Longer steps than this share of the reach are made quicker instead."""
+"""Share of the reach above which steps become quicker instead of longer."""
 
 CHANGE = 0.04
-"""Largest change of velocity from step to step, a share of sqrt(g h): 0.1 m/s for G1."""
+"""Largest change of velocity from step to step as a share of sqrt(g h): 0.1 m/s for G1."""
 
 TURNS = 0.3
 """Largest change of the turning rate from step to step [rad/s]."""

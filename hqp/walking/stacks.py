@@ -28,14 +28,13 @@ BOTH = "both"
 """The phase of two feet on the ground; the phase of one foot has its name."""
 
 EDGE = 0.005
-"""The ZMP keeps this further from the edge of the support than the centres of pressure [m]."""
+"""Margin of the ZMP to the edge of the support, beyond that of the centres of pressure [m]."""
 
 FIRM = 4.0
 """Weight of the balance beside trunk and swing foot: at 1 the foot of a long step pushes the body off its course."""
 
 HASTE = Price(0.03)
-"""A swing foot has half a second for its way: its gains alone would set a price at which it lags behind while it
-lifts."""
+"""Price of the body level: the gains alone would set a price at which a swing foot lags during its half second."""
 
 _BALANCE, _CONTACT = DCM(3.0), PD(0.0, 20.0)
 _HEIGHT, _SWING, _TRUNK, _POSTURE = PD(400.0, 40.0), PD(300.0, 35.0), PD(100.0, 20.0), PD(40.0, 13.0)

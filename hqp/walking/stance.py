@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from hqp.declare.robot import State
 
 BENT = 0.1
-"""Legs start this much inside their limits [rad]: a straight knee has no direction of bending."""
+"""Distance of legs from their limits at the start of the search [rad]: a straight knee has no direction of bending."""
 
 SPARE = 0.02
-"""Legs can stretch so much more, a share of the CoM's height."""
+"""Reserve of the legs' length as a share of the CoM's height."""
 
 HARD, RELIEVED = 0.7, 0.05
-"""On one foot no joint bears more than this share of its largest torque, where legs longer by SPARE relieve it."""
+"""Largest share of a joint's torque limit on one foot, and the relief by longer legs (SPARE) that rejects a stance."""
 
 LOWER = 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0, 2.0, 3.0, 4.0
-"""Candidates, times ``lower``: less where knees are weak, more where they are straight at home."""
+"""Candidates as factors of ``lower``, in order: less for weak knees, more for knees that are straight at home."""
 
 
 def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:

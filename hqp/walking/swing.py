@@ -12,19 +12,19 @@ from hqp.errors import DeclarationError
 from hqp.walking.gait import check
 
 RISE = 0.45
-"""Share of the time after which the foot is highest."""
+"""Share of the swing time at the foot's highest point."""
 
 SCUFF = 0.4
-"""Share of the remaining time in which a foot that has scuffed rises again."""
+"""Share of the remaining time in which a scuffed foot rises again."""
 
 LEAD = 0.03
-"""The foot is above its goal this long before it lands [s]."""
+"""Time before the landing at which the foot is above its goal [s]."""
 
 FOLLOWS = 0.06
-"""A goal that moved is reached in no less [s]."""
+"""Shortest time to a moved goal [s]."""
 
 HASTENS = 3.0
-"""A foot that has not found the ground in time goes down faster and faster [m/s^2]."""
+"""Downward acceleration of a foot without contact at its landing time [m/s^2]."""
 
 
 State = tuple[float, float, float]

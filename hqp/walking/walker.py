@@ -31,55 +31,55 @@ from hqp.walking.stance import standing
 from hqp.walking.swing import Swing, within
 
 TOUCH = 0.05
-"""A swing foot that bears this share of the weight has landed."""
+"""Share of the weight on a swing foot above which it has landed."""
 
 HELD, DOWN = 5e-3, 0.02
-"""A foot with load has landed if it is at most so far below its path, or if its path is so near to the goal [m];
-otherwise it has scuffed and rises again."""
+"""Largest distance of a landed foot below its path, or height of its path above the goal [m]; else a loaded foot has
+scuffed and rises again."""
 
 EARLY = 0.55
-"""It does not land before this share of the time of its swing."""
+"""Share of the swing time before which a foot does not land."""
 
 LATE = 0.015
-"""After its time is up, this share of the load confirms a landing: a light foot whose toe has met a slope pushes with
-no more (AHEAD)."""
+"""Share of the weight that confirms a landing after the swing time: on a slope, the toe of a light foot carries no more
+(AHEAD)."""
 
 FADE = 0.08
 """Fade time of a torque jump at a switch of phase, for a joint's largest torque [s]."""
 
 TAKE = 0.06
-"""A foot's share of the load goes from nothing to all in no less than this [s]."""
+"""Shortest time in which a foot's share of the load changes from 0 to 1 [s]."""
 
 INTEGRAL, MOST = 0.5, 0.03
-"""[1/s] of the error of the DCM in the ZMP, and its largest sum [m s]."""
+"""Gain of the integral of the DCM error in the ZMP [1/s], and the integral's limit [m s]."""
 
 LEAST = 0.015
-"""Steps correct only larger errors [m]."""
+"""DCM error above which a step corrects its foothold and time [m]."""
 
 PLANNED = 0.8
-"""Share of the reach that planned steps use: the rest is for their corrections."""
+"""Share of the reach for planned steps; the rest is for corrections."""
 
 CLEAR = 0.02
-"""Between two soles side by side [m]."""
+"""Least gap between two soles side by side [m]."""
 
 CORRECTION, CREEPS = 1.5, 0.2
-"""The goal of a swing foot moves no faster, and shortly before it lands [m/s]: a sole that slides in holds nothing."""
+"""Largest speed of a swing foot's goal, and shortly before its landing [m/s]: a sole that lands sliding has no grip."""
 
 LAST, LONGEST, HURRY = 0.08, 1.6, 3.0
-"""The time of a landing is not moved when so little is left [s], nor beyond this share of a swing's time; limit of its
-rate of change, in seconds per second."""
+"""Remaining time below which the landing time is fixed [s]; its limit as a share of the swing time; largest rate of its
+change [s/s]."""
 
 AHEAD = 0.02
-"""A swing foot that something holds back pushes no harder than its gains make of so much [m]."""
+"""Largest error of a blocked swing foot's reference, which bounds its push [m]."""
 
 SOONEST = 0.05
-"""In no less a swing foot gets elsewhere [s]."""
+"""Time after lift-off, and shortest time to landing, of a correction [s]."""
 
 WEIGHS, SAG = 2.0, 0.02
-"""[1/s] of the error of the CoM's height in its reference, and the most of it [m]: masses are not known exactly."""
+"""Gain of the integral of the CoM's height error [1/s], and its limit [m]: masses are not known exactly."""
 
 WEIGHING, HEAVIER = 2.0, 0.25
-"""Time over which the load of the feet is averaged [s], and the most that torques change by for it."""
+"""Time constant of the mean load of the feet [s], and the largest relative change of torques by it."""
 
 LIMITS = JointLimits(acceleration=1000.0, braking=200.0)
 
