@@ -1,4 +1,4 @@
-"""Joints that do not do what they are sent, in MuJoCo; and healthy robots with delay, noise, contacts and pushes."""
+"""Joints that do not follow their commands, in MuJoCo; and healthy robots with delay, noise, contacts and pushes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ FAULTS = [Fault("frozen", at=0.1), Fault("blocked", (1,), at=0.1), Fault("exchan
 def test_faults_are_caught(level: str, fault: Fault) -> None:
     loop = Loop("ur5", level, seed=1, late=1, noise=0.02, fault=fault).run()
     assert loop.notes, "nobody was told"
-    if level != "torque" or fault.kind == "frozen":  # at torque level no torque tells a brake from a load
+    if level != "torque" or fault.kind == "frozen":  # at torque level a brake and a load look alike
         assert loop.caught <= 0.7
         held = [s for s in loop.statuses if s is Status.NOT_FOLLOWING]
         assert len(held) * DT <= AGAIN + DT or loop.ticks * DT < 2 * AGAIN
@@ -145,7 +145,7 @@ def test_files_say_the_same(tmp_path: Path) -> None:
 
 
 def test_sessions_without_max_age_do_not_compare() -> None:
-    """A tick that is asked twice of one state, or of states in any order, is no loop in time."""
+    """Repeated ticks of one state, or states in any order, are no closed loop."""
     robot = load("ur5")
     session = hqp.Controller(Stack(Level(Posture())), deadline=math.inf).session(robot, DT, stuck=False)
     goal = Posture().at(robot.home + 1.0)

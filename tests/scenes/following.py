@@ -33,7 +33,7 @@ def load(name: str) -> Robot:
 
 @dataclass
 class Fault:
-    """What fails from ``at`` [s] on: "frozen", "blocked", "exchanged"; joints: indices of motors."""
+    """Fault from ``at`` [s] on: "frozen", "blocked", "exchanged"; joints: indices of motors."""
 
     kind: str
     joints: tuple[int, ...] = ()
@@ -42,8 +42,8 @@ class Fault:
 
 @dataclass
 class Loop:
-    """A hand on its way to a drawn target: measured late by ``late`` ticks with noise [rad/s], pushed [N] for 50 ms
-    again and again, with a wall in its way, or with a fault."""
+    """A hand on its way to a drawn target: measured ``late`` ticks late with noise [rad/s], pushed [N] for 50 ms
+    repeatedly, with a wall in its way, or with a fault."""
 
     name: str
     level: str
@@ -95,7 +95,7 @@ class Loop:
         self.places = self.motors + (robot.nq - robot.nv)
 
     def run(self) -> Loop:
-        """All ticks."""
+        """Run all ticks."""
         q, v = self.plant.reset(self.robot.home.copy())
         sent, frozen = q[self.places].copy(), None
         measured: deque[tuple[float, Vec, Vec]] = deque(maxlen=self.late + 1)
@@ -128,7 +128,7 @@ class Loop:
             else:
                 self.plant.step(tick.command, steps=2)
             before, (q, v) = q, self.plant.state()
-            if now >= fault.at and fault.kind == "blocked":  # a brake holds the joint where it is
+            if now >= fault.at and fault.kind == "blocked":  # a brake locks the joint in place
                 for i in fault.joints:
                     q[self.places[i]], v[self.motors[i]] = held.setdefault(i, before[self.places[i]]), 0.0
                 self.plant.data.qpos[:], self.plant.data.qvel[:] = self.plant.map.to_mujoco(q, v)
@@ -142,7 +142,7 @@ class Loop:
 
 
 def exchanged(numbers: Vec, places: Index, joints: tuple[int, ...]) -> Vec:
-    """The numbers with those of two joints in each other's place."""
+    """The numbers with those of two joints exchanged."""
     found, (i, j) = numbers.copy(), places[list(joints)]
     found[[i, j]] = numbers[[j, i]]
     return found
