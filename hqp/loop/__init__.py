@@ -1,1 +1,1 @@
-"""What a session does each tick: states checked, references taken, rows and solver run, a safe command sent."""
+"""Steps of a tick: check the state, take references, fill rows, solve, send a safe command."""

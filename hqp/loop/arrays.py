@@ -15,12 +15,12 @@ from hqp.errors import HqpError
 Array: TypeAlias = NDArray[Any]
 
 TYPES = {"f8", "i8", "i4", "i1"}
-"""What buffers hold."""
+"""Types of buffers."""
 
 
 @dataclasses.dataclass
 class _Buffer:
-    """Memory that arrays share: where it begins and ends, and what its items are."""
+    """Memory shared by arrays: its begin and end, and the type of its items."""
 
     begin: int
     end: int
@@ -29,11 +29,11 @@ class _Buffer:
 
 
 def plain(tree: Any, scratch: Iterable[Array] = ()) -> tuple[Any, list[dict[str, Any]]]:
-    """A tree of objects as plain data, and the buffers that its arrays became places of: {"@": [buffer, at, size]}.
+    """A tree of objects as plain data, and the buffers with its arrays, which become places: {"@": [buffer, at, size]}.
 
     Dataclasses become dictionaries with their class.  scratch: arrays whose numbers do not matter.  Buffers are
-    numbered as their arrays come up; runs tell where there is something but zeros.  Raises HqpError for an array that
-    is not contiguous or of another type, or an object that is no data.
+    numbered in the order of their arrays; runs store the parts that are not zero.  Raises HqpError for an array that is
+    not contiguous or of another type, or an object that is no data.
     """
     arrays: list[Array] = []
     _gather(tree, arrays)
@@ -124,7 +124,7 @@ def _place(array: Array, buffers: list[_Buffer]) -> dict[str, list[int]]:
 
 
 def _told(buffer: _Buffer, empty: set[int]) -> dict[str, Any]:
-    """Type, size and runs [start, numbers] of what is not zero."""
+    """Type, size and runs [start, numbers] without zeros."""
     dtype = np.dtype(buffer.kind)
     values = np.zeros((buffer.end - buffer.begin) // dtype.itemsize, dtype)
     for array in buffer.arrays:

@@ -1,4 +1,4 @@
-"""What a user declares of a controller: everything but the robot."""
+"""A user's declaration of a controller, without the robot."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ SLOWEST = 0.1
 class Controller:
     """A stack, a formulation and a solver: everything of a controller but the robot.
 
-    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "". deadline [s]: after the
-    start of a tick, when its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; until
-    the first answer of a session it counts from the rows on. Only ``lexicographic`` takes notice.  rates: how fast a
-    command may change, no limit for None. bounds: of a state that is accepted. braking: how a command comes to
-    rest. price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level
-    exact, whatever it declares. calm: False switches off all that slows commands by default: the check of commands
+    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "". deadline [s]: time after the
+    start of a tick at which its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; until the
+    first answer of a session it counts from the rows on. Only ``lexicographic`` uses it.  rates: limits on the change
+    of a command, None for no limit. bounds: bounds on accepted states. braking: deceleration of a command to rest.
+    price: price of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level exact,
+    also levels that declare a price. calm: False switches off every default that slows commands: the check of commands
     against speed and torque limits of the model after the solver; as ``price=0`` (with it the torque net and holding
-    torques of ``Torque``) and ``JointLimits(acceleration=0, braking=0)`` do together; other
-    numbers that an element declares for these two stay.
+    torques of ``Torque``) and ``JointLimits(acceleration=0, braking=0)`` do together; other numbers that an element
+    declares for these two stay.
     """
 
     stack: Stack
@@ -74,10 +74,10 @@ class Controller:
     def session(self, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True) -> Session:
         """Compile for a robot at a control period dt [s]; states older than max_age [s] are refused.
 
-        stuck: whether a thread looks for a way out of a task that is off and at rest, see ``Tick.way_out``; not for
-        ticks that are no loop in time.
+        stuck: let a thread search for a way out of a task that is off and at rest, see ``Tick.way_out``; false for
+        ticks that are no closed loop.
 
-        Raises DeclarationError, ModelError or UnsupportedProblem for what does not fit, before the loop.
+        Raises DeclarationError, ModelError or UnsupportedProblem for arguments that do not fit, before the loop.
         """
         from hqp.loop.session import Session
 

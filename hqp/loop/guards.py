@@ -1,4 +1,4 @@
-"""What a session lets in and out: the size and age of states, the rate of a command."""
+"""Guards of a session's inputs and outputs: size and age of states, rate of a command."""
 
 from __future__ import annotations
 

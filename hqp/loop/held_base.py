@@ -1,4 +1,4 @@
-"""Whether anything holds a floating base: without it targets pull the robot through the air."""
+"""Warning for a floating base that nothing holds: targets would pull the robot through the air."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 
 AWAY = 0.3
-"""How far from home joints are where rows are looked at: home may be a pose where a joint does not enter [m, rad]."""
+"""Displacement of the joints from home for the check of rows: at home itself a joint may have no effect [m, rad]."""
 
 STEP = 1e-3
-"""How far the base is moved to see which errors notice [m, rad]."""
+"""Displacement of the base to find the errors that depend on it [m, rad]."""
 
 ROUNDING = 1e-9
 """Entries of a Jacobian below this, relative to its largest, are rounding."""
 
 
 def adrift(stack: Stack, robot: Robot) -> str:
-    """What is said where tasks pull a floating base that nothing holds, ``""`` elsewhere.
+    """Return a warning if tasks pull a floating base that nothing holds, else ``""``.
 
-    What holds it: a contact, an equality of ``subject_to`` that its motion enters, or a task on the base itself, whose
-    error changes with the base and which no joint moves.
+    A contact holds it, or an equality of ``subject_to`` with the base's motion in its rows, or a task on the base
+    itself: its error changes with the base, and no joint moves it.
     """
     if not robot.floating or any(element.is_contact for element in stack):
         return ""
@@ -37,7 +37,7 @@ def adrift(stack: Stack, robot: Robot) -> str:
             continue
         try:
             base, joints, noticed = _entries(element, here, there)
-        except Exception:  # a user's own element: what it does wrong is told by the tick
+        except Exception:  # a user's faulty element: the tick reports it
             return ""
         if (base and element in stack.subject_to) or (noticed and not joints):
             return ""
@@ -54,7 +54,7 @@ def adrift(stack: Stack, robot: Robot) -> str:
 
 
 def _entries(element: Any, here: Robot, there: Robot) -> tuple[bool, bool, bool]:
-    """Whether the base enters the rows, whether a joint does, and whether the error changes with the base."""
+    """Return true if the base is in the rows, if a joint is, and if the error changes with the base."""
     now, then = here.current, there.current
     hold = element.hold(now).value
     J = np.abs(np.atleast_2d(element.jacobian(now, hold) if element.steered else element.jacobian(now)))

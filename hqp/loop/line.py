@@ -1,4 +1,4 @@
-"""A compiled stack at work: its native session, what it was asked for, and what it answered last."""
+"""A compiled stack in operation: its native session, latest references, and latest answer."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ _new = object.__new__
 
 @dataclass(slots=True, eq=False)
 class Guards:
-    """What the lines of a session share.  first: notes of the first tick.  count: ticks so far.  ages: whether states
-    must tell their time."""
+    """State shared by the lines of a session.  first: notes of the first tick.  count: ticks so far.  ages: true if
+    states must have a time."""
 
     robot: Robot
     dt: float
@@ -53,12 +53,12 @@ class Guards:
     turn: Turn
     first: tuple[Note, ...]
     stuck: bool = True
-    """Whether tasks that are stuck are looked for."""
+    """True if a thread searches for stuck tasks."""
     count: int = 0
     phase: str | None = None
     """The phase of the latest tick."""
     laws: Mapping[str, Law] | None = None
-    """Of elements by name in the phase of a sequence, None where there is none."""
+    """Laws by element name in the phase of a sequence, None without one."""
 
     def now(self, now: float | None) -> float:
         """Time of a tick [s], 0 if nothing reads it."""
@@ -66,10 +66,11 @@ class Guards:
 
 
 class Line:
-    """One stack, compiled and at work; in a change of stack two of them side by side, within one that blends them.
+    """A stack, compiled and in operation; during a change of stack one of two, inside a line that blends them.
 
-    named: the references of the latest tick, or its targets by name.  latest: its record.  transition: to this line
-    from another one, which answers beside it.  lasting: whether references hold until the next ones, on the way out.
+    named: the references of the latest tick, or its targets by name.  latest: its record.  transition: change to this
+    line from another one, which answers as well.  lasting: true for an outgoing line, whose references hold until the
+    next ones.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class Line:
 
     @property
     def hold_values(self) -> dict[str, Vec | Mat]:
-        """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        """Copies of the hold values of elements without a reference, by name; empty before the first step."""
         return {n: np.array(r.value) for n, r in self.holds.items() if r.value is not None}
 
     @property
@@ -139,7 +140,7 @@ class Line:
 
     @property
     def last_references(self) -> tuple[Reference, ...]:
-        """Those of the latest tick."""
+        """References of the latest tick."""
         if isinstance(self.named, tuple):
             return self.named
         targets = self.program.live_targets
@@ -154,23 +155,23 @@ class Line:
         return name in self.stack or (self.transition is not None and name in self.transition)
 
     def find(self, name: str) -> Element | None:
-        """The element of that name, in a change of stack that of either stack."""
+        """Element of that name, during a change of stack from either stack."""
         found = next((element for element in self.stack if element.name == name), None)
         if found is None and self.transition is not None:
             return next(filter(None, (line.find(name) for line in self.transition.lines)), None)
         return found
 
     def require_phase(self, phase: str) -> None:
-        """Raise DeclarationError for a phase that neither this stack nor, in a change, another one names."""
+        """Raise DeclarationError for a phase that this stack does not name, nor another one during a change."""
         others = () if self.transition is None else self.transition.lines
         if not any(phase in line.presence.phases for line in (self, *others)):
             self.presence.require(phase)
 
     def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
-        """A tick, whatever comes in; raises ModelError for a state of another robot."""
+        """Run a tick for any data; raises ModelError for a state of another robot."""
         self.require(state, "step")
         if state.valid and self.robot.current is not state:
-            state.kinematics()  # which says that it is stale
+            state.kinematics()  # raises for a stale state
         if self.transition is not None:
             return self.transition.step(self, state, references, now)
         start, session = perf_counter(), self.native
@@ -185,12 +186,12 @@ class Line:
         return self.answered(told, state, start)
 
     def ready(self, state: State, references: tuple[Reference, ...]) -> None:
-        """Begin a tick whose references the native session has."""
+        """Begin a tick; the native session has its references."""
         self._attend()
         if self.lasting:
             given = {reference.name for reference in references}
             last = [r for r in self.last_references if r.name not in given and r.finite]
-            kept = [Reference(**{**vars(copied(r)), "load": None}) for r in last]  # which was measured then
+            kept = [Reference(**{**vars(copied(r)), "load": None}) for r in last]  # a load holds for its own tick
             if any(r.gravity_normal is not None for r in kept):
                 self.native.ask()
             references = (*references, *kept)
@@ -214,7 +215,7 @@ class Line:
             )
 
     def begin(self, command: Vec, state: State | None) -> None:
-        """Start from the command that is sent now, in a transition for all of its lines."""
+        """Start all lines of a transition from the present command."""
         known = () if state is None else (state.q, state.v, state.angles)
         self.latest = self.native.begin(command, *(known or (None, None, None)))
         self.good = True
@@ -224,7 +225,7 @@ class Line:
             self.transition.begin(self, command, state)
 
     def tick(self, q: Vec, v: Vec | None, targets: dict[str, Any]) -> Tick | None:
-        """The same of arrays alone, without a State and without References; None for what is out of the ordinary."""
+        """Run a tick of arrays alone, without State and References; return None if it needs the general path."""
         start = perf_counter()
         if self.transition is not None or self.callbacks.reads or not self.compiled.placed or self.guards.ages:
             return None
@@ -255,7 +256,7 @@ class Line:
             self.compiled.laws.obey(guards.laws or {}, self.program.out if self.begun else None)
 
     def tell(self, references: tuple[Reference, ...]) -> None:
-        """Give the native session what it takes of references; raises for those that fit no element."""
+        """Pass references to the native session; raise for references that fit no element."""
         told = self.native.tell(references)
         if told >= 0:
             references = tuple([self._of_doubles(r) for r in references])
@@ -265,7 +266,7 @@ class Line:
 
     @staticmethod
     def _of_doubles(reference: Reference) -> Reference:
-        """The reference with its numbers as native code reads them, where it has some."""
+        """The reference with its numbers as arrays of doubles, if it has numbers."""
         if not isinstance(reference, Reference):
             return reference
         names = ("value", "velocity", "acceleration", "normal", "gravity_normal")
@@ -273,7 +274,7 @@ class Line:
         return Reference(**{**vars(reference), **arrays})
 
     def _refuse(self, reference: Reference) -> NoReturn:
-        """Raise for a reference of nobody, or of another shape."""
+        """Raise for a reference without an element, or of another shape."""
         names = [e.name for e in self.stack]
         if getattr(reference, "name", None) not in names or not isinstance(reference, Reference):
             refuse(reference, names)
@@ -313,7 +314,7 @@ class Line:
         if before is None and self.program.kind == "torque":
             before = np.array(self.native.start)
         self.latest = record
-        solution, self.callbacks.solution = self.callbacks.solution, None  # of this tick alone
+        solution, self.callbacks.solution = self.callbacks.solution, None  # belongs to this tick alone
         tick = _new(Tick)
         tick.__init__(self, state, before, record, start, solution, status, notes, held)  # type: ignore[misc]
         if held == 0:
@@ -336,7 +337,7 @@ class Line:
         return tick
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
-        """Hold these values, until their elements are out."""
+        """Hold these values until their elements are switched off."""
         for name, held in holds.items():
             if name in self.callbacks.names:
                 self.callbacks.holds[name] = held
@@ -344,29 +345,29 @@ class Line:
                 self.native.keep_hold(name, np.ascontiguousarray(held.value).reshape(-1))
 
     def inherit(self, before: Line) -> None:
-        """Take hold values of another stack for elements that native code does not know."""
+        """Take hold values of another stack for elements without native code."""
         kept = surviving_holds(before.stack, before.callbacks.holds, self.stack)
         self.callbacks.holds |= {name: held for name, held in kept.items() if name in self.callbacks.names}
 
     def take_over(self, tick: Tick) -> None:
-        """Go on alone from what a blend has sent."""
+        """Continue alone from the last command of a blend."""
         self.latest, self.good, self.begun, self.lasting = tick.record, True, True, False
-        self.transition = None  # last: an interrupt before it leaves a transition that is done
+        self.transition = None  # last: an interrupt before it leaves a finished transition
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick."""
         return self._asked(self.teller.explain, tick)
 
     def account(self, tick: Tick) -> TickAccount:
-        """Which element holds which back in the latest tick."""
+        """Return which element holds back which in the latest tick."""
         return self._asked(self.teller.account, tick)
 
     def conflict(self, tick: Tick) -> Conflict:
-        """Which rows of ``subject_to`` exclude each other in the latest tick."""
+        """Return the rows of ``subject_to`` that conflict in the latest tick."""
         return self._asked(self.teller.conflict, tick)
 
     def _asked(self, what: Callable[[int, Tick], T], tick: Tick) -> T:
-        """What is told of the rows of a tick, while no other thread writes them; a step may ask, too."""
+        """Query the rows of a tick while no other thread writes them; steps may call it, too."""
         turn = self.guards.turn
         if turn.get(None) == get_ident():
             return what(self.guards.count, tick)

@@ -14,13 +14,13 @@ from hqp.loop.soundness import twin_of
 from hqp.tasks import Ball, Hinge, Weld
 
 STEP = 0.05
-"""How far from home the largest coordinate goes, along what the rows leave free there [m, rad]."""
+"""Displacement of the largest coordinate from home, along the free directions there [m, rad]."""
 
 STEPS = 12
-"""Of Newton's method; where it nears a double root each step halves the way that is left."""
+"""Iterations of Newton's method; near a double root each halves the remaining distance."""
 
 LOST = 1e-4
-"""A singular value below this, relative to the largest, is none."""
+"""Threshold of a zero singular value, relative to the largest."""
 
 PART = 0.1
 """Share of the dependent combinations of rows from which on an element is named."""
@@ -44,7 +44,7 @@ def overconstrained(stack: Stack, robot: Robot) -> str:
     try:
         with twin_of(robot) as twin:
             return _locked(held, twin) or _told(held, twin)
-    except Exception:  # a user's own element: what it does wrong is told by the tick
+    except Exception:  # a user's faulty element: the tick reports it
         return ""
 
 
@@ -53,7 +53,7 @@ def _told(held: Sequence[Any], twin: Robot) -> str:
     holds = [element.hold(home).value for element in held]
     J = _rows(held, home, holds)[0]
     independent = rank(J, LOST)
-    if independent in J.shape:  # of all rows, or of all motion
+    if independent in J.shape:  # full row or column rank
         return ""
     for k in (1, 2):
         q = _beside(J, twin, k)
@@ -148,7 +148,7 @@ def _loop(element: Any, state: State) -> list[str]:
 
 
 def _beside(J: Mat, twin: Robot, k: int) -> Vec:
-    """A configuration beside home, along what rows leave free there; home if they leave nothing free."""
+    """A configuration near home, along a free direction of the rows; home without one."""
     free = np.linalg.svd(J)[2][rank(J, LOST) :]
     if not len(free):
         return twin.home
@@ -157,7 +157,7 @@ def _beside(J: Mat, twin: Robot, k: int) -> Vec:
 
 
 def _scattered(n: int, k: int) -> Vec:
-    """So many numbers from -1 to 1 without a pattern, the same ones every time."""
+    """A reproducible sequence of n irregular numbers from -1 to 1."""
     return np.asarray(np.cos(k * np.arange(1.0, n + 1.0) ** 2))
 
 

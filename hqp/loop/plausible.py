@@ -21,13 +21,13 @@ FAR = 1.0
 
 
 def doubts(robot: Robot, q: Any) -> tuple[str, ...]:
-    """Return sentences on what a state ``(nq,)`` looks like, with the likely cause; none for a plausible one.
+    """Return sentences on an implausible state ``(nq,)``, with the likely cause; none for a plausible one.
 
     A base is compared with the home configuration, so a robot whose home lies may lie.
     """
     given = np.asarray(q)
     if given.shape != (robot.nq,) or given.dtype.kind not in "fiu" or not np.isfinite(given).all():
-        return ()  # the tick itself says so
+        return ()  # the tick reports it
     return (*_base(robot, given), *_joints(robot, given))
 
 

@@ -1,4 +1,4 @@
-"""Which elements are in a tick: by its phase, by references that say so, and by the contacts that they go with."""
+"""Elements that are on in a tick: by phase, by references, and by the contacts that they depend on."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Presence:
 
     @property
     def parts(self) -> dict[str, Any]:
-        """For a file: who is out in each phase, the first of them none, and which elements go with which."""
+        """Data for a file: elements off in each phase, first without a phase, and which elements depend on which."""
         declared = [{"name": phase or "", "out": sorted(out)} for phase, out in self._declared.items()]
         return {"phases": declared, "follows": [f for e in self._members.values() if (f := self._follower(e))]}
 
     def _follower(self, element: Element) -> dict[str, Any] | None:
-        """Which elements, any one of them or all together, take this one with them."""
+        """Elements that switch this one off, any one of them or all together."""
         names = [name for name in self._members if name != element.name]
         if alone := [name for name in names if element.goes_with({name})]:
             return {"name": element.name, "every": False, "of": alone}
@@ -61,7 +61,7 @@ class Presence:
             raise DeclarationError("phase", "unknown phase", value=phase, allowed=near)
 
     def supported(self, out: frozenset[str]) -> tuple[list[str], list[str], str] | None:
-        """What of it may be out, contacts that have to stay, and why; None where all of it may be."""
+        """Elements of it that may be off, contacts that must stay, and the reason; None if all may be off."""
         if not (why := self._program.refuses(out)):
             return None
         stay = [name for name in self._members if name in out and self._members[name].is_contact]
@@ -69,6 +69,6 @@ class Presence:
         return sorted(rest), stay, f"{why}: it stays active"
 
     def _followed(self, out: frozenset[str]) -> frozenset[str]:
-        """With the elements that go with them; the same object for the same set."""
+        """Add dependent elements; returns the same object for equal sets."""
         found = out | {name for name, element in self._members.items() if element.goes_with(out)}
         return next((known for known in self.known.values() if known == found), found)

@@ -10,7 +10,7 @@ from hqp.errors import DeclarationError, UnknownReference, closest
 
 
 def refuse(reference: object, names: Iterable[str]) -> NoReturn:
-    """Raise DeclarationError for what is no reference, UnknownReference for one of an element that is not there."""
+    """Raise DeclarationError if it is no Reference, UnknownReference if the stack lacks its element."""
     if not isinstance(reference, Reference):
         raise DeclarationError("step", "not a Reference", value=reference, allowed="element.at(...)")
     near = ", ".join(closest(reference.name, names) or list(names)[:3])

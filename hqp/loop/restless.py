@@ -17,7 +17,7 @@ def turning(robot: Robot) -> Mask:
 
 
 def units_of(program: Program, robot: Robot) -> dict[str, list[str]]:
-    """Of the joint of each row, by the name of elements whose rows are limits of joints."""
+    """Unit of each row's joint, by the name of elements with rows that limit joints."""
     found: dict[str, list[str]] = {}
     turns = turning(robot)
     for name, place in program.places.items():

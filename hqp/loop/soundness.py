@@ -1,4 +1,4 @@
-"""Whether a controller can run on a model at all, told before the loop: numbers that are none, rows that never are."""
+"""Checks before the loop: can a controller run on a model? Finds invalid numbers, and rows that are never usable."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ POSES = 3
 """Poses of the rehearsal: home, and some around it, for an element may be singular at one."""
 
 _SOUND: WeakSet[Robot] = WeakSet()
-"""Robots whose numbers have been looked at."""
+"""Robots with checked numbers."""
 
 _TWINS: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
-"""The copies on which stacks are rehearsed: what an element finds once a robot is found once for all of them."""
+"""Copies of robots for the rehearsal of stacks: elements compute data of a robot once for all of them."""
 
 _TURN = Lock()
-"""Of the one who moves a twin."""
+"""Lock on the use of twins."""
 
 
 def require_sound(robot: Robot) -> None:

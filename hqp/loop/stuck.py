@@ -1,4 +1,4 @@
-"""Tasks that stay far from where they should be though a posture is known that takes them there."""
+"""Tasks that stay unmet although a known posture meets them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hqp.loop.tick import Tick
 
 PERIOD, PATIENCE = 0.05, 0.5
-"""Between two looks, and for how long a task is to be off and the robot at rest [s]."""
+"""Period of the check, and least duration of the error and of rest [s]."""
 
 OFF = 0.01, 0.05
 """A task that is nearer than this is not stuck [m, rad]."""
@@ -32,7 +32,7 @@ STILL = 0.2
 """Joints and a base that move by less are nearly at rest [rad/s, m/s]."""
 
 LACKING = 0.9
-"""A task that lacks this share of what it asks for does not move."""
+"""Share of the demand that a task must lack to count as blocked."""
 
 FALLING = 0.01
 """A task that comes nearer by this share within the patience is on its way."""
@@ -41,7 +41,7 @@ NEAR = 0.02
 """A joint this near to a limit is at it [rad, m]."""
 
 NAMED = 4
-"""So many joints at a limit are named."""
+"""Largest number of named joints at a limit."""
 
 PROGRESS, WAIT = 0.05, 1.0
 """A task that lacks most of its demand and comes nearer by less than this share in this time [s] is held."""
@@ -77,7 +77,7 @@ class StuckWatch:
         self._holding: Note | None = None
 
     def look(self, line: Line, tick: Tick) -> None:
-        """Look at the latest tick, and give it a note where a task is stuck."""
+        """Check the latest tick, and give it a note if a task is stuck."""
         count = tick.count
         if count >= self._next:
             self._next = count + self._period
@@ -88,7 +88,7 @@ class StuckWatch:
             tick.add((self._note,))
 
     def _decide(self, line: Line, tick: Tick) -> None:
-        """Set or clear the note: a way out where one is known, else what holds the task."""
+        """Set or clear the note: a way out if one is known, else the rows that hold the task."""
         lacking = self._off(line, tick)
         self._decide_stuck(line, tick, *(lacking if self._rests(line, tick) else NOTHING))
         held = self._held(line, tick, *lacking)
@@ -188,7 +188,7 @@ def at_limits(robot: Robot, state: State) -> tuple[str, ...]:
 
 
 def _holders(line: Line, tick: Tick, name: str) -> str:
-    """Elements that hold a task, with their rows at a bound, in words; "" if another note has told that none does."""
+    """Elements that hold a task, with their rows at a bound, as text; "" if another note already reports none."""
     account = line.account(tick)
     losses = [loss for loss in account.losses(name) if loss.share >= BINDS and loss.element != PRICE][:NAMED]
     if not losses:

@@ -1,4 +1,4 @@
-"""What one step of a session gave: a command, a status, and notes that name the culprits."""
+"""Result of a session's step: a command, a status, and notes that name the culprits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NO_ROWS: Vec = np.zeros(0)
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Where a tick's wall time went [s]."""
+    """Wall time of the parts of a tick [s]."""
 
     state: float
     assemble: float
@@ -48,18 +48,18 @@ class Jump:
 
 @dataclass(frozen=True, slots=True)
 class Stuck(Note):
-    """A note on a task that is stuck, with a posture ``(nq,)`` that takes it where it should be."""
+    """A note on a stuck task, with a posture ``(nq,)`` that meets it."""
 
     posture: Vec
 
 
 class Tick:
-    """What one step gave; plain data once pickled.
+    """Result of a step; plain data once pickled.
 
-    status: the worst of the tick.  held: for how many ticks the command has been coming to rest because no answer was
-    usable, 0 in normal operation.  count: the tick's number in its session.  transition: how far a change of stack has
-    come, 1 where none is under way.  phase: as of ``Session.step``.  event: what a
-    Sequence began in it, "" for nothing.  The rest is computed when it is first asked for.
+    status: the worst of the tick.  held: ticks for which the command has been coming to rest without a usable answer, 0
+    in normal operation.  count: the tick's number in its session.  transition: progress of a change of stack, 1 without
+    one.  phase: as in ``Session.step``.  event: event of a Sequence in this tick, "" for none.  Everything else is
+    computed on first use.
     """
 
     __slots__ = (
@@ -79,8 +79,8 @@ class Tick:
         notes: Notes = (),
         held: int = 0,
     ) -> None:
-        """state: None for that of the record.  before: the record of what was sent before, None for nothing.  began: on
-        ``perf_counter``.  solution: what a solver in Python gave."""
+        """state: None for the state of the record.  before: record of the last command, None without one.  began: time
+        of ``perf_counter``.  solution: result of a Python solver."""
         self._line: Line | None = line
         self._layout, self.count = line.layout, line.guards.count
         self.phase, self.event = line.guards.phase, ""
@@ -94,7 +94,7 @@ class Tick:
         self._change: tuple[tuple[str, ...], Vec] | None = None
 
     def follow(self, x: Vec, before: Vec, notes: Notes, status: Status, transition: float) -> None:
-        """Take the place of the tick in a transition: another answer, status and notes of both stacks."""
+        """Replace the tick in a transition: another answer, status and notes of both stacks."""
         assert self._record is not None
         self._record = bytearray(self._record)
         self._layout.send(self._record, x)
@@ -110,7 +110,7 @@ class Tick:
 
     @property
     def x(self) -> Vec:
-        """The answer that the command is part of, read-only."""
+        """The answer that contains the command, read-only."""
         if self._x is None:
             self._x = self._layout.x(self.record)
         return self._x
@@ -124,7 +124,7 @@ class Tick:
 
     @property
     def before(self) -> Vec:
-        """The x that was sent before, read-only."""
+        """The previous x, read-only."""
         before = self._before
         if not isinstance(before, np.ndarray):
             self._before = before = self._layout.zero if before is None else self._layout.x(before)
@@ -132,21 +132,21 @@ class Tick:
 
     @property
     def solution(self) -> Solution | None:
-        """What the solver gave, None where it was not asked (invalid state)."""
+        """Solution of the solver, None if it did not run (invalid state)."""
         if self._solution is None and self._record is not None:
             self._solution = self._layout.solution(self._record)
         return self._solution
 
     @property
     def times(self) -> Times:
-        """Where the time went, but for what it took to make this object."""
+        """Times of the parts, without the construction of this object."""
         if self._times is None:
             begin, rows, solve = self._layout.seconds(self.record)
             self._times = Times(begin - self._began, rows, solve, 0.0)
         return self._times
 
     def solved(self) -> tuple[Vec, Vec, bool] | None:
-        """Slacks of all rows, the solver's answer, and whether it is that of stages; None without a solution."""
+        """Slacks of all rows, the solver's answer, and true if stages gave it; None without a solution."""
         if (record := self._record) is not None:
             if not record[-1]:
                 return None
@@ -162,28 +162,28 @@ class Tick:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """The culprits; their text is made when it is first asked for."""
+        """Notes on the culprits, with texts made on first use."""
         if callable(self._notes):
             self._notes = self._notes()
         return self._notes
 
     @property
     def unread(self) -> Notes:
-        """The notes, or what makes them."""
+        """The notes, or a function that makes them."""
         return self._notes
 
     def add(self, notes: Notes) -> None:
-        """More notes."""
+        """Append notes."""
         self._notes = added(self._notes, notes)
 
     def suggest(self, what: str) -> None:
-        """What to do, at the end of the first note."""
+        """Append advice to the first note."""
         first, *others = self.notes
         self._notes = (Note(first.element, first.status, f"{first.detail}: {what}"), *others)
 
     @property
     def state(self) -> State:
-        """The state of the tick; of a tick that was pickled its plain numbers."""
+        """State of the tick; the plain numbers after pickling."""
         if self._state is None:
             robot = self._live().robot
             latest = self.count == self._live().guards.count and robot.current is None
@@ -192,7 +192,7 @@ class Tick:
 
     @property
     def line(self) -> Line | None:
-        """Whose rows the tick has: the session's line, in a change of stack one of those that it blends; None once
+        """Line with the rows of the tick: the session's, or during a change of stack one of the blended ones; None once
         pickled."""
         return self._line
 
@@ -219,29 +219,29 @@ class Tick:
         return self._change
 
     def explain(self) -> Explanation:
-        """Which element got what and lost to which; raises HqpError once the session has taken another step."""
+        """Explain the residual of each element by the elements that it lost to; raises HqpError after another step."""
         return self._live().explain(self)
 
     def account(self) -> TickAccount:
-        """Which element holds which back, in microseconds, so that a history can be kept; as ``explain``."""
+        """Account in microseconds for which element holds back which, so that a history can be kept; as ``explain``."""
         return self._live().account(self)
 
     def conflict(self) -> Conflict:
-        """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
+        """Return conflicting rows of ``subject_to`` with the least relaxation of each; as ``explain``."""
         return self._live().conflict(self)
 
     def way_out(self) -> Vec | None:
-        """A posture ``(nq,)`` that meets a task which is stuck, None where none is: a note says which, and how far off.
+        """A posture ``(nq,)`` that meets a stuck task, None without one: a note names the task and its error.
 
-        A task is stuck that is off and at rest for half a second though such a posture is known.  Nothing goes there by
-        itself: ``Posture.at(robot.state(q).angles[...])`` in a level above does, or a motion planner.
+        A task is stuck if it is off and at rest for half a second although such a posture is known.  The session does
+        not move there by itself: use ``Posture.at(robot.state(q).angles[...])`` in a level above, or a motion planner.
         """
         return next((note.posture for note in self.notes if isinstance(note, Stuck)), None)
 
     def advance(self) -> tuple[Vec, Vec]:
-        """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22).
+        """Return (q, v) one period later for exact execution of the command (Mistry 2008, eqs. 19 to 22).
 
-        Raises HqpError where there is nothing to start from: the state of the tick is not valid, or too large.
+        Raises HqpError if there is no start: the state of the tick is not valid, or too large.
         """
         line = self._live()
         refused = self.refused

@@ -1,4 +1,4 @@
-"""One thread at a time in a session; a thread whose call was interrupted, at whatever point, may go on."""
+"""One thread at a time in a session; after an interrupt anywhere in a call a thread may continue."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hqp.errors import ConcurrentUse
 T = TypeVar("T")
 
 Turn: TypeAlias = "dict[None, int]"
-"""Which thread is in.  ``setdefault`` takes the turn, atomically, in a ``try`` whose end gives it back.
+"""Thread in the session.  ``setdefault`` takes the turn, atomically, in a ``try`` whose end returns it.
 
-It holds the thread's number, so that a turn which an interrupt kept from being given back is known for one's own.
+It holds the thread's number, so that a thread recognises its own turn if an interrupt kept it from being returned.
 """
 
 
@@ -35,7 +35,7 @@ def require(turn: Turn, session: object) -> None:
 
 
 def alone(turn: Turn, session: object, what: Callable[[], T]) -> T:
-    """What ``what`` gives, with no other thread in the session."""
+    """Call a function without another thread in the session, and return its result."""
     me = get_ident()
     if turn:
         require(turn, session)

@@ -21,7 +21,7 @@ def surviving_holds(before: Stack, holds: Mapping[str, Reference], after: Stack)
 
 
 def same_quantity(one: Element, other: Element) -> bool:
-    """Whether a hold value of one is one of the other: class and every field but name, law, weight and when agree."""
+    """Return true if hold values are interchangeable: class and all fields except name, law, weight and when agree."""
     if one is other:
         return True
     if type(one) is not type(other) or not is_dataclass(one):

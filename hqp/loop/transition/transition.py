@@ -47,13 +47,13 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     lines = [_successor(line, item, surviving_holds(line.stack, holds, item.stack)) for item in compiled[1:]]
     if over:
         if line.transition is not None and line.transition.depth >= DEEPEST:
-            line.transition.end(line)  # so many changes at a time: the oldest ones end here
+            line.transition.end(line)  # too many changes at a time: the oldest ones end here
         lines[-1].transition = Transition([line, *lines[:-1]], lines[-1], points, over)
     return lines[-1]
 
 
 def _successor(line: Line, compiled: Compiled, holds: Mapping[str, Reference]) -> Line:
-    """A line of another stack that goes on where this one is."""
+    """Line of another stack that continues from this one."""
     return type(line)(line.guards, compiled, holds, line)
 
 
@@ -73,9 +73,9 @@ class Transition:
         self.names: frozenset[str] = frozenset(e.name for line in every for e in line.stack) | (
             frozenset() if first.transition is None else first.transition.names
         )
-        """Elements of all stacks that are blended, those of transitions under way among them."""
+        """Elements of all blended stacks, also of transitions under way."""
         self.latest: bytearray | None = first.latest if first.transition is None else first.transition.latest
-        """The record of what was sent last."""
+        """Record of the last command."""
         self.tick: Tick | None = None
         self._every: tuple[Line, ...] = ()
         self._ticks: dict[int, Tick] = {}
@@ -84,7 +84,7 @@ class Transition:
 
     @property
     def depth(self) -> int:
-        """How many transitions are under way, this one included."""
+        """Number of transitions under way, this one included."""
         return self.native.depth
 
     def __contains__(self, name: str) -> bool:
@@ -106,14 +106,14 @@ class Transition:
             self.native.step(state.q, state.v, state.time, line.guards.now(now), angles, fault)
         finally:
             self._leave()
-        tick, self.tick = self.tick, None  # which knows the line, and the line this
+        tick, self.tick = self.tick, None  # it refers to the line, and the line to this
         assert tick is not None
         if self._ended:
             line.take_over(tick)
         return tick
 
     def _enter(self, line: Line, state: State, references: tuple[Reference, ...]) -> None:
-        """Give every stack the references that are its own."""
+        """Give every stack its own references."""
         self._every, self._told = (*self.lines, line), (state, references)
         first = self.lines[0]
         if first.transition is not None:
@@ -135,14 +135,14 @@ class Transition:
         self._ticks.clear()
 
     def begin(self, line: Line, command: Vec, state: State | None) -> None:
-        """Start all stacks from the command that is sent now; line: the last one, which has begun."""
+        """Start all stacks from the present command; line: the last one, which has begun."""
         for each in self.lines:
             each.begin(command, state)
         self.native.begin()
         self.latest = line.latest
 
     def end(self, line: Line) -> None:
-        """Let the last line go on alone from what was sent."""
+        """Let the last line continue alone from the last command."""
         self.native.end()
         line.latest, line.transition, line.lasting = self.latest, None, False
 
@@ -181,7 +181,7 @@ class Transition:
         held: int,
         done: bool,
     ) -> None:
-        """The tick that is sent: that of the line which stands for the blend, with another x, status and notes."""
+        """Send the tick of the line that represents the blend, with another x, status and notes."""
         a, b = (self._tick(k) for k in pair)
         tick = a if stands == pair[0] else b
         notes = tuple(n for n in tick.notes if n.element != "session") if held else notes_of(a, b, waits)
@@ -201,7 +201,7 @@ class Transition:
 
 
 def notes_of(a: Tick, b: Tick, waits: Sequence[Told]) -> Notes:
-    """Notes on both stacks, or on the first one and on what waits; texts that are not made yet are made when read."""
+    """Notes on both stacks, or on the first one and on waiting contacts; lazy texts stay lazy."""
     first, second = a.unread, b.unread
     if waits or not second:
         return added(first, of_native(waits))

@@ -1,4 +1,4 @@
-"""The way of a transition as native code reads it: its stacks, what each takes over, and the rows that are eased."""
+"""Path of a transition for native code: its stacks, the values that each takes over, and the eased rows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LIGHT = 0.25
 
 
 def way_parts(points: Sequence[Waypoint], compiled: Sequence[Compiled], robot: Robot) -> dict[str, Any]:
-    """What a native transition is made of (hqp/cpp/session/transition.hpp), for these stacks and their programs."""
+    """Parts of a native transition (hqp/cpp/session/transition.hpp) for these stacks and their programs."""
     torque = compiled[0].program.kind == "torque"
     gone = () if torque else without_successor(points[0].stack, points[-1].stack)
     ends = list(zip(points, compiled, strict=True))
@@ -47,7 +47,7 @@ def _stop(
     *,
     released: bool,
 ) -> dict[str, Any]:
-    """A stack on the way, after the one before it.  released: whether rows of a contact that goes may be eased."""
+    """Data of a stack on the path, after the one before it.  released: allow easing of rows of a released contact."""
     point, own = stop[0], stop[1].stack
     return {
         "switch": point.switch,
@@ -92,7 +92,7 @@ def added(before: Stack, after: Stack) -> tuple[str, ...]:
 
 
 def _pull(program: Program, name: str) -> list[float]:
-    """Of each row of an element, b = ... - pull e where b is linear in the error e, else []."""
+    """Pull of each row of an element, with b = ... - pull e linear in the error e, else []."""
     place, member = program.places[name], program.assembly.members[name]
     rows = program.problem.levels[place.level]
     gain = member.law.gain if isinstance(member.law, P) else getattr(member.law, "kp", None)

@@ -1,15 +1,15 @@
-"""The stacks that a transition passes through: where x is a torque, contacts change only while they bear nothing.
+"""Stacks on the path of a transition: if x is a torque, contacts change only while they bear nothing.
 
 A torque that counts on the ground under a foot throws the foot once it is free, so answers for two sets of contacts may
 only be blended while the difference bears nothing.  A release goes through three pairs:
 
-1. with the contact, it is unloaded below all tasks (its force becomes (1 - h) times what it was);
+1. with the contact, it is unloaded below all tasks (its force becomes (1 - h) times its former value);
 2. once it bears nothing the contact leaves the dynamics and becomes a task, J qdd + dJ/dt qd = 0, before all others:
    both have the same answer, so this takes one tick.  A contact that cannot be unloaded without cost to a task keeps
-   the transition waiting, and a note says so;
+   the transition waiting, and a note reports it;
 3. without the contact, that task goes.
 
-A contact is taken up by the same three steps in reverse order.
+A contact is taken up by these three steps in reverse order.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from hqp.loop.transition.surviving import same_quantity
 class Waypoint:
     """A stack on the path of a transition.
 
-    switch: whether the set of reaction constraints changes on the way to the next one.  released, taken: those that go
-    and come then.
+    switch: true if the set of reaction constraints changes on the way to the next one.  released, taken: constraints
+    that go and come then.
     """
 
     stack: Stack
@@ -43,10 +43,10 @@ class Waypoint:
 
 
 def path(before: Stack, after: Stack, robot: Robot, contact_law: Law | None) -> list[Waypoint]:
-    """The stacks of a transition, first and last included; two but for torque with another set of reactions.
+    """Stacks of a transition, first and last included; more than two only at torque level with other reactions.
 
-    contact_law: of reaction constraints, None where contacts are rows.  Raises DeclarationError where no contact would
-    be left on the way.
+    contact_law: law of reaction constraints, None if contacts are rows.  Raises DeclarationError if no contact would be
+    left on the way.
     """
     if contact_law is None:
         return [Waypoint(before), Waypoint(after)]
@@ -73,12 +73,12 @@ def path(before: Stack, after: Stack, robot: Robot, contact_law: Law | None) -> 
 
 
 def reacts(element: Element) -> bool:
-    """Whether a member of ``subject_to`` acts by a force where x is a torque."""
+    """Return true if a member of ``subject_to`` acts by a force when x is a torque."""
     return isinstance(element, Constraint) and element.equality and element.quantity == "motion"
 
 
 def without_force(stack: Stack, contacts: Sequence[Element]) -> Stack:
-    """The stack without those contacts, and without what is asked of their force."""
+    """The stack without those contacts and without demands on their force."""
     names = {e.name for e in contacts}
     return stack.without(*(e.name for e in stack if e.name in names or getattr(e, "contact", None) in names))
 
@@ -90,9 +90,9 @@ def carried(stack: Stack, contacts: Sequence[Element], law: Law) -> Stack:
 
 
 def unloaded(stack: Stack, contacts: Sequence[Element], robot: Robot) -> Stack:
-    """The stack with those contacts bearing no force as far as that costs no task on motion.
+    """The stack with those contacts unloaded, as far as that costs no task on motion.
 
-    What else is asked of their force goes, but for limits that hold where it is zero (a friction cone).
+    Other demands on their force go, except limits that hold at zero force (a friction cone).
     """
     from hqp.tasks import ContactForce
     from hqp.tasks.targets import COMPONENTS
@@ -120,7 +120,7 @@ def unloaded(stack: Stack, contacts: Sequence[Element], robot: Robot) -> Stack:
 
 
 def allows_zero(element: Element, size: int) -> bool:
-    """Whether limits on a contact force of so many components hold where it is zero; a target is no limit."""
+    """Return true if limits on a contact force with ``size`` components hold at zero force; a target is no limit."""
     maker = getattr(element, "force_rows", None)
     if maker is None or element.equality:
         return False
