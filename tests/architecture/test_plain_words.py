@@ -31,7 +31,7 @@ SPARE = 5
 CEILINGS = {
     "hqp/cpp/priced": (70, 25, 25, 10),
     "hqp/cpp/session": (65, 55, 45, 20),
-    "hqp/loop": (195, 150, 45, 60),
+    "hqp/loop": (50, 50, 15, 15),
 }  # fmt: skip
 """Rooms above the goal: figures to lower as the room is rewritten."""
 

@@ -126,7 +126,7 @@ ROLLING_MASS = 71.464 + 1.5 * 0.0027981 / 0.101**2
 @pytest.mark.parametrize("heading", [0.0, 0.7, math.pi / 2])
 @pytest.mark.parametrize(("stem", "tolerance"), [("dreamer", 0.01), ("dreamer_rollers", 0.07)])
 def test_omnidirectional_wheels_roll(stem: str, tolerance: float, heading: float) -> None:
-    """Push the robot at its centre of mass: in any direction it accelerates by mass and inertia of the wheels.
+    """Push the robot at its centre of mass: in any direction its acceleration follows from mass and wheel inertia.
 
     Rollers cost some: the ground spins up each roller that touches down.
     """

@@ -136,7 +136,7 @@ def move(problem: Hierarchy, rng: np.random.Generator, by: float) -> None:
 
 
 def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
-    """Otherwise the next solve begins with all levels, misses the deadline again, and never ends."""
+    """Otherwise the next solve begins with all levels, misses the deadline again: cut in every tick."""
     kept = met = 0
     for problem, rng, workspace in priced_loops():
         head = workspace.native.head
@@ -156,7 +156,7 @@ def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
 
 @pytest.mark.parametrize("native", [False, True], ids=["general", "kernel"])
 def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None:
-    """Otherwise every solve spends its time on that level before it begins with all of them, and never ends."""
+    """Otherwise every solve spends its time on that level before it begins with all of them: cut in every tick."""
     seen = 0
     for problem, _, workspace in priced_loops():
         kernel: Any = workspace.kernel(problem) if native else None

@@ -212,7 +212,7 @@ def test_a_wheel_keeps_its_distance_when_the_ground_tilts(
 
 @pytest.mark.parametrize("native", [True, False], ids=["native", "readable"])
 def test_a_normal_of_nan_does_not_stay(robots: dict[str, Any], native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The next tick ignores it."""
+    """It leaves no trace in the next tick."""
     robot = robots["dreamer"]
     wheel = t.OmniWheelContact(wheel=next(iter(robot.wheels)))
     rows = assemblies([wheel], robot, 2, monkeypatch)[0 if native else 1]
