@@ -53,7 +53,7 @@ def _enough(found: Reached) -> bool:
 
 
 def _excess(found: Reached) -> float:
-    """Sum of the residuals beyond what the report calls a shortfall, each by its limit."""
+    """Sum of the residuals beyond the limits of a shortfall, each relative to its limit."""
     limits = {**dict.fromkeys(ABOVE, OFF), **dict.fromkeys(TURNED, LEAN)}
     return sum(max(0.0, found.residuals[level] / limits[level] - 1.0) for level in found.residuals if level in limits)
 

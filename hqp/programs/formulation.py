@@ -108,7 +108,7 @@ class Program(ABC):
 
     @property
     def live_targets(self) -> dict[str, Mat]:
-        """Where native code has the targets of elements that it reads itself, by name."""
+        """Buffers of targets that native code reads, by element name."""
         members = self.assembly.members.items()
         return {name: m.target for name, m in members if m.target is not None and m.target.shape}
 
@@ -336,7 +336,7 @@ class MotionProgram(Program):
 
     @property
     def live_targets(self) -> dict[str, Mat]:
-        """Where native code has the targets of elements that it reads itself, by name."""
+        """Buffers of targets that native code reads, by element name."""
         return {**super().live_targets, **self._loads.live}
 
     def took(self, state: State | None, references: Sequence[Reference]) -> None:

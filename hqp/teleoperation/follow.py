@@ -148,7 +148,7 @@ class Follow:
         return Clutch(self._space, self.element, k, self._scale, self._frame, self._clutched)
 
     def _value(self, state: State) -> Any:
-        """Pose of the robot's hand; that of the reference if the state is invalid."""
+        """Pose of the robot's hand, or the reference's pose if the state is invalid."""
         if self._pursuit is not None and not state.valid:
             return self._pursuit.value
         return np.array(self.element.value(state))

@@ -45,7 +45,7 @@ class Packet:
 
 
 def packet(element: Task, value: Any, sent: Any, age: Any, received: Any, engaged: Any) -> Packet:
-    """Make a packet of arbitrary input from the network; never raises for what is in it.
+    """Make a packet of arbitrary input from the network; no content raises an exception.
 
     A packet whose times are not usable has no value.  It is engaged only if ``engaged`` is true, not a text or number.
     """

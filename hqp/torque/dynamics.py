@@ -118,7 +118,7 @@ class ConstrainedDynamics:
         self._root = None
 
     def force_map(self) -> tuple[Mat, Vec]:
-        """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm if constraints are dependent."""
+        """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3), least norm if constraints are dependent."""
         both = self._expand(self._top)
         return both[:, : self.n], both[:, self.n]
 

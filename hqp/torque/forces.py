@@ -98,7 +98,7 @@ class Efforts:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """How many numbers the target of each equality has, by name."""
+        """Size of the target of each equality, by name."""
         return {e.element.name: int(e.lower.size) for e in self._written if e.element.equality}
 
     def aim(self, references: Mapping[str, Reference]) -> None:

@@ -351,7 +351,7 @@ class TorqueProgram(Program):
 
     @property
     def live_targets(self) -> dict[str, Mat]:
-        """Where native code has the targets of elements that it reads itself, by name."""
+        """Buffers of targets that native code reads, by element name."""
         return {**super().live_targets, **self.loads.live}
 
     def took(self, state: State | None, references: Sequence[Reference]) -> None:
@@ -385,7 +385,7 @@ class TorqueProgram(Program):
 
     @property
     def force_targets(self) -> dict[str, int]:
-        """How many numbers a target of forces or of efforts has, by name: those that ``aim_forces`` takes."""
+        """Sizes of the targets of forces and efforts, by name; ``aim_forces`` sets these targets."""
         return {**self._forces.sizes, **self._efforts.sizes}
 
     def aim_forces(self, references: Mapping[str, Reference]) -> None:

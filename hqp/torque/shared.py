@@ -16,7 +16,7 @@ from hqp.declare.robot import Robot
 from hqp.programs.assembly import Assembly
 
 STEEP = math.radians(30.0)
-"""Nearer to the normal the x axis of a frame tells no direction on the ground [rad]."""
+"""Angle to the normal below which a frame's x axis gives no direction on the ground [rad]."""
 
 ALIGNED = 1e-6
 """Sine of the angle to the normal below which an axis gives no direction, as ``kAligned`` of the native rows."""

@@ -16,9 +16,9 @@ from hqp.walking.keys import Keys
 if TYPE_CHECKING:
     from hqp.walking.walker import Walker
 
-DESCRIPTION = f"""A biped stands for a second, walks as asked, and stops, on the state that its simulated sensors give.
-With --view it is shown in a browser and goes where keys in the terminal say: {KEYS}.  With --output nothing is
-simulated: the walk is predicted by the model and written as arrays."""
+DESCRIPTION = f"""Simulate a biped that stands for 1 s, walks at the given velocity, and stops, on its estimated state.
+With --view a browser shows it, and keys in the terminal steer it: {KEYS}.  With --output the model predicts the walk
+without a simulation, and the command writes it as arrays."""
 
 STAND = 1.0
 """Duration of standing before the walk [s]."""

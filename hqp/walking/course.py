@@ -26,7 +26,7 @@ NOISY = Sensors(
     rate=Noise(0.02),
     force=Noise(2.0),
 )
-"""A usual humanoid's: IMU, encoders, foot forces [rad, rad/s, m/s^2, N]."""
+"""Noise of a usual humanoid: IMU, encoders, foot forces [rad, rad/s, m/s^2, N]."""
 
 LEAST = 0.9
 """Load of a standing foot for the estimator, per mass of the robot [N/kg]."""

@@ -20,6 +20,7 @@ STEP = {
 """Velocity increment of a key press [m/s, m/s, rad/s]."""
 
 MOST = (0.4, 0.1, 0.3)
+"""Largest velocity by keys [m/s, m/s, rad/s]."""
 
 
 class Keys:

@@ -1,4 +1,4 @@
-"""Numbers between a velocity command and the next steps: what a biped can follow, how fast it changes, step times."""
+"""Limits between a velocity command and the next steps: feasible velocities, their rate of change, step times."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Ability:
         return Command(*found), tuple(why)
 
     def paced(self, now: Command, asked: Command) -> Command:
-        """The velocity of the next step: on the way to what is asked, by a bounded change."""
+        """Velocity of the next step: a bounded change towards the command."""
         x, y = asked.forward - now.forward, asked.left - now.left
         share = min(1.0, self.change / max(math.hypot(x, y), 1e-12))
         turn = min(max(asked.turn - now.turn, -TURNS), TURNS)

@@ -293,7 +293,7 @@ class Walker:
             self._enter("stand" if last else "shift", self._double(self._pace, last), state)
 
     def _landed(self, state: State, loads: Vec | None) -> bool:
-        """Whether the swing foot stands: time is up, or it bears load where its path or the ground holds it."""
+        """Return true if the swing foot stands: its time is up, or it bears load near its path or its goal."""
         if loads is None:
             return self._t >= self._T
         assert self._swing is not None
