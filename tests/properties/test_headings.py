@@ -137,7 +137,7 @@ def walked(heading: float, seconds: float, turn: float) -> Any:
 
 
 def test_a_walk_does_not_know_its_heading() -> None:
-    """Walk backwards, across the change of sign of the measured yaw."""
+    """Walk with a heading near half a turn, where the measured yaw changes its sign."""
     one, other = walked(0.0, 2.2, 0.3), walked(math.pi, 2.2, 0.3)
     assert np.abs(one - other).max() < 1e-6
 

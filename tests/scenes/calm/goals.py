@@ -10,7 +10,7 @@ Figures = Mapping[str, float | str]
 
 @dataclass(frozen=True)
 class Goal:
-    """Largest allowed value of a figure; share: part of the joint's limit, if larger."""
+    """Largest allowed value of a figure; share: alternative, as a share of the joint's limit, if larger."""
 
     figure: str
     most: float
