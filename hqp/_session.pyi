@@ -32,12 +32,19 @@ class Session:
     counters: tuple[int, int, int, int, int, int, float, float]
     """Counters in the order of hqp.explanation.counters.Counters."""
     heartbeat: int
+    stacks: Sequence[str]
+    """Names of the stacks, "" for the first one."""
+    transition: float
+    """How far a change of stack has come."""
 
     def __init__(self, file: bytes, key: bytes) -> None: ...
+    def change(self, stack: str, over: float) -> None:
+        """Switch to a stack, at once or within ``over`` seconds at least."""
+
     def step(
         self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec, time: float | None, now: float
-    ) -> tuple[int, int, list[tuple[str, int, str]]]:
-        """Run a tick into command, x and residuals; return status, ticks held, and notes.
+    ) -> tuple[int, int, list[tuple[str, int, str]], int]:
+        """Run a tick into command, x and residuals; return status, ticks held, notes, and the number of levels.
 
         time, now: measurement time of the state, None if unknown, and time of the tick [s].
         """

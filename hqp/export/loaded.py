@@ -31,7 +31,8 @@ Target = ArrayLike | tuple[ArrayLike, ...]
 class LoadedTick:
     """Result of one step: command ``(n_actuated,)``, a part of the answer x, ||w|| of every level.
 
-    held: number of ticks since the last usable answer, during which the command comes to rest.
+    held: number of ticks since the last usable answer, during which the command comes to rest.  transition: progress
+    of a change of stack, 1 if none is under way.
     """
 
     command: Vec
@@ -40,13 +41,14 @@ class LoadedTick:
     status: Status
     notes: tuple[Note, ...]
     held: int
+    transition: float = 1.0
 
 
 class LoadedSession:
     """The native session of a plan.  One thread at a time.
 
-    names: elements that take a reference.  fingerprint: ``hqp.fingerprint`` of the plan's robot.  key: secret of the
-    signature, see ``load``.
+    names: elements that take a reference.  stacks: names of the stacks for ``change``.  fingerprint:
+    ``hqp.fingerprint`` of the plan's robot.  key: secret of the signature, see ``load``.
     """
 
     def __init__(self, file: bytes, key: bytes | None = None) -> None:
@@ -61,6 +63,7 @@ class LoadedSession:
         self.fingerprint = self._native.fingerprint
         self.nq, self.nv = self._native.nq, self._native.nv
         self.joint_names, self.names = tuple(self._native.joint_names), tuple(self._native.names)
+        self.stacks = tuple(self._native.stacks)
         self._index = {name: k for k, name in enumerate(self.names)}
         self._sizes = self._native.sizes
 
@@ -109,12 +112,24 @@ class LoadedSession:
         if now is None:
             now = monotonic()
         try:
-            status, held, notes = self._native.step(at, speed, command, x, residuals, time, now)
+            status, held, notes, levels = self._native.step(at, speed, command, x, residuals, time, now)
         except (TypeError, ValueError):
             shapes = f"q {at.shape}, v {speed.shape}"
             allowed = f"q ({self.nq},), v ({self.nv},)"
             raise DeclarationError("step", "wrong shape of q or v", value=shapes, allowed=allowed) from None
-        return LoadedTick(command, x, residuals, STATUSES[status], of_native(notes), held)
+        kept = residuals[:levels]
+        return LoadedTick(command, x, kept, STATUSES[status], of_native(notes), held, self._native.transition)
+
+    def change(self, stack: str, over: float = 0.0) -> None:
+        """Switch to the stack of that name, "" for the first one, at once or within ``over`` seconds at least.
+
+        As ``Session.change``, with the same numbers.  Raises DeclarationError for a name that the plan does not have
+        (``Session.export(..., stacks=)``), or a bad duration.
+        """
+        try:
+            self._native.change(stack, over)
+        except ValueError as error:
+            raise DeclarationError("change", str(error), value=(stack, over)) from None
 
     def begin(self, command: ArrayLike, q: Vec | None = None, v: Vec | None = None) -> None:
         """Start from the command ``(n_actuated,)`` that the robot is sent now; see ``Session.begin``.

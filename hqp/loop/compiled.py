@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hqp.declare.element import Element
 from hqp.declare.law import Law
-from hqp.declare.price import affordable, as_price, is_exact
+from hqp.declare.price import Price, affordable, as_price, is_exact
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
@@ -127,7 +127,12 @@ class Compiler:
             del self._seen[next(iter(self._seen))]
         return known
 
-    def _compiled(self, stack: Stack) -> Compiled:
+    def completed(self, stack: Stack) -> Stack:
+        """The stack with what controller and formulation add to it."""
+        return self._completed(stack)[0]
+
+    def _completed(self, stack: Stack) -> tuple[Stack, Price | None, str, bool]:
+        """The stack, its default price, what is dropped of prices and limits, in words, and whether it is bounded."""
         formulation = self._controller.formulation
         whole = formulation.completed(coupled(stack if self._controller.calm else undamped(stack), self._robot))
         solver = self._controller.solver
@@ -137,6 +142,12 @@ class Compiler:
         if bounded:
             whole, unbounded = formulation.bounded(whole, self._robot)
             dropped = "; ".join(filter(None, (dropped, unbounded)))
+        return whole, price, dropped, bounded
+
+    def _compiled(self, stack: Stack) -> Compiled:
+        formulation, solver = self._controller.formulation, self._controller.solver
+        assert isinstance(solver, Solver)  # Controller has loaded it
+        whole, price, dropped, bounded = self._completed(stack)
         program = formulation.compile(whole, self._robot, self._dt, price)
         solver.require(program.shape)
         workspace = solver.workspace(program.shape)

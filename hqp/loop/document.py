@@ -23,8 +23,10 @@ from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:
     from hqp.declare.law import Law
+    from hqp.declare.stack import Stack
     from hqp.loop.compiled import Compiled
     from hqp.loop.session import Session
+    from hqp.loop.transition.waypoints import Waypoint
     from hqp.sequence import Sequence
 
 
@@ -67,31 +69,66 @@ def live_tree(compiled: Compiled, home: State) -> dict[str, Any]:
     }
 
 
-def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any], list[Vec]]:
-    """The tree of a session whose stack is compiled anew, and the arrays whose numbers do not matter.
+class Writer:
+    """Compiles the stacks of a session for a file, each on a robot of its own."""
+
+    def __init__(self, session: Session, sequence: Sequence | None) -> None:
+        self._session, self._laws = session, {} if sequence is None else sequence.laws()
+
+    def another(self, stack: Stack) -> tuple[Compiled, dict[str, Any], list[Vec]]:
+        """A stack, its tree, and the arrays whose numbers do not matter.
+
+        Raises DeclarationError for an element or a solver that is not native, by its name.
+        """
+        robot = self._session.robot.copy()
+        compiled = self._session.compiler(robot).compile(stack)
+        program = compiled.program
+        _require_native(compiled, robot)
+        state = robot.state(robot.home)
+        program.begin_direct(state, {element.name: element.hold(state) for element in compiled.stack})
+        moving = {"joints": robot.tree_joints, "frames": robot.placed_frames, "twists": robot.joint_twists}
+        laws = {
+            phase: {name: law for name, law in of.items() if name in compiled.stack} for phase, of in self._laws.items()
+        }
+        tree = {
+            **_tree(compiled, state, {**program.parts(), **moving, "bodies": robot.bodies}),
+            **_phases(compiled, laws),
+            "guards": {**compiled.guards, "deadline": self._session.deadline},
+            "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
+        }
+        placements = [body[-1] for body in robot.bodies] + [frame[-1] for frame in robot.placed_frames]
+        placements += [joint[-1][-1] for joint in robot.tree_joints or ()]
+        scratch = [robot.joint_twists, *(array for placement in placements for array in placement)]
+        return compiled, tree, scratch
+
+    def way(self, before: Compiled, after: Stack) -> list[Waypoint]:
+        """The stacks on the way of a transition."""
+        return self._session.compiler(before.robot).way(before, after)
+
+    def declared(self, compiled: Compiled) -> Stack:
+        """The stack at work as it was declared, if it is that of the controller."""
+        declared = self._session.controller.stack
+        same = self._session.compiler(compiled.robot).completed(declared) == compiled.stack
+        return declared if same else compiled.stack
+
+
+def document(
+    session: Session, sequence: Sequence | None, stacks: Mapping[str, Stack] | None = None
+) -> tuple[dict[str, Any], list[Vec]]:
+    """The tree of a session whose stacks are compiled anew, and the arrays whose numbers do not matter.
 
     Raises DeclarationError for an element or a solver that is not native, by its name, or a sequence that does not
     fit.
     """
     if sequence is not None:
         sequence.require(session)
-    robot = session.robot.copy()
-    compiled = session.compiled_on(robot)
-    program = compiled.program
-    _require_native(compiled, robot)
-    state = robot.state(robot.home)
-    program.begin_direct(state, {element.name: element.hold(state) for element in compiled.stack})
-    moving = {"joints": robot.tree_joints, "frames": robot.placed_frames, "twists": robot.joint_twists}
-    laws = {} if sequence is None else sequence.laws()
-    tree = {
-        **_tree(compiled, state, {**program.parts(), **moving, "bodies": robot.bodies}),
-        **_phases(compiled, laws),
-        "guards": {**compiled.guards, "deadline": session.deadline},
-        "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
-    }
-    placements = [body[-1] for body in robot.bodies] + [frame[-1] for frame in robot.placed_frames]
-    placements += [joint[-1][-1] for joint in robot.tree_joints or ()]
-    scratch = [robot.joint_twists, *(array for placement in placements for array in placement)]
+    writer = Writer(session, sequence)
+    compiled, tree, scratch = writer.another(session.stack)
+    if stacks:
+        from hqp.loop.several import several
+
+        others, more = several(writer, compiled, stacks)
+        return {**tree, **others}, scratch + more
     return tree, scratch
 
 

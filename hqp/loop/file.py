@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from hqp.loop.arrays import plain
 from hqp.loop.document import document
 
 if TYPE_CHECKING:
+    from hqp.declare.stack import Stack
     from hqp.loop.session import Session
     from hqp.sequence import Sequence
 
@@ -21,10 +23,15 @@ FORMAT = 1
 """Changes with what a file means."""
 
 
-def text(session: Session, sequence: Sequence | None = None, key: bytes | None = None) -> bytes:
+def text(
+    session: Session,
+    sequence: Sequence | None = None,
+    key: bytes | None = None,
+    stacks: Mapping[str, Stack] | None = None,
+) -> bytes:
     """The whole file of a session: the same bytes for the same declarations; signed with a key."""
     secret = key_bytes(key)
-    tree, scratch = document(session, sequence)
+    tree, scratch = document(session, sequence, stacks)
     found, buffers = plain(tree, scratch)
     body = json.dumps({**found, "buffers": buffers}, separators=(",", ":"), allow_nan=False).encode()
     head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}"
@@ -41,12 +48,16 @@ def key_bytes(key: bytes | None) -> bytes:
 
 
 def write(
-    session: Session, path: str | os.PathLike[str], sequence: Sequence | None = None, key: bytes | None = None
+    session: Session,
+    path: str | os.PathLike[str],
+    sequence: Sequence | None = None,
+    key: bytes | None = None,
+    stacks: Mapping[str, Stack] | None = None,
 ) -> None:
     """Write the file of a session, all of it or nothing."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
-    beside.write_bytes(text(session, sequence, key))
+    beside.write_bytes(text(session, sequence, key, stacks))
     os.replace(beside, target)
 
 

@@ -19,7 +19,7 @@ from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import Note
-from hqp.loop.compiled import Compiled, Compiler
+from hqp.loop.compiled import Compiler
 from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.document import guards
 from hqp.loop.held_base import adrift
@@ -320,22 +320,30 @@ class Session:
         for point in self._compiler.way(self.line.compiled, stack)[1:]:
             self._compiler.compile(point.stack)
 
-    def compiled_on(self, robot: Robot) -> Compiled:
-        """The stack at work, compiled anew on another robot of the kind."""
-        return Compiler(self.controller, robot, self.dt, self._guards).compile(self.stack)
+    def compiler(self, robot: Robot) -> Compiler:
+        """What compiles the session's stacks anew on another robot of the kind."""
+        return Compiler(self.controller, robot, self.dt, self._guards)
 
-    def export(self, path: str | Path, sequence: Sequence | None = None, *, key: bytes | None = None) -> None:
+    def export(
+        self,
+        path: str | Path,
+        sequence: Sequence | None = None,
+        *,
+        key: bytes | None = None,
+        stacks: Mapping[str, Stack] | None = None,
+    ) -> None:
         """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
 
         sequence: whose phases and laws the file has as well, not its events.  key: signs the file (HMAC-SHA-256), so
-        that ``hqp.load`` with the same key refuses files that were changed or come from elsewhere.  Hold values, the
-        warm start and references are none of it: a session of the file begins as a new one does.  Raises
-        DeclarationError for a bad key, and for an element or a solver without native code, by its name
-        (docs/plan_file.md), and what ``Sequence.run`` raises.
+        that ``hqp.load`` with the same key refuses files that were changed or come from elsewhere.  stacks: by name,
+        to which a session of the file changes by ``change(name, over)``, and back by ``change("", over)``.  Hold
+        values, the warm start and references are none of it: a session of the file begins as a new one does.  Raises
+        DeclarationError for a bad key or name, and for an element or a solver without native code, by its name
+        (docs/plan_file.md), what ``Sequence.run`` raises, and of stacks what ``change`` raises.
         """
         from hqp.loop.file import write
 
-        write(self, path, sequence, key)
+        write(self, path, sequence, key, stacks)
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""

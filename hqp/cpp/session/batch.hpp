@@ -28,6 +28,7 @@ class Batch {
     threads = std::max<std::size_t>(1, std::min(threads, count));
     for (std::size_t k = 0; k < threads; ++k) {
       sessions_.push_back(Guarded::made(FileSource(plan)));
+      sessions_.back()->first();
       sessions_.back()->without_deadline();  // no world is late
     }
   }
@@ -98,13 +99,13 @@ class Batch {
     store(session, worlds_[i]);
   }
   static void load(Guarded& session, WarmState& world) {
-    if (world.empty()) return session.reset();
+    if (world.empty()) return session.halt().resume(), session.reset();
     CarryOver before = CarryOver::from(world);
-    session.keep(before);
+    session.halt().keep(before), session.keep(before), session.keep_rows(before);
   }
   static void store(Guarded& session, WarmState& world) {
     CarryOver after = CarryOver::to(world);
-    session.keep(after);
+    session.halt().keep(after), session.keep(after), session.keep_rows(after);
   }
 
   std::vector<WarmState> worlds_;

@@ -41,30 +41,31 @@ class Session {
     for (const std::string& name : session_.names()) references_.push_back(session_.reference(name));
   }
 
-  // command, x, residuals: written; the status, for how many ticks the command has been coming to rest, the notes.
-  std::tuple<int, long, std::vector<Told>> step(const Vector& q, const Vector& v, const Out& command, const Out& x,
-                                                const Out& residuals, std::optional<double> time, double now) {
+  // command, x, residuals: written; the status, for how many ticks the command has been coming to rest, the notes, and
+  // the number of levels.
+  std::tuple<int, long, std::vector<Told>, std::size_t> step(const Vector& q, const Vector& v, const Out& command,
+                                                             const Out& x, const Out& residuals,
+                                                             std::optional<double> time, double now) {
     require(q.size() == std::size_t(session_.nq()) && v.size() == std::size_t(session_.nv()), "q or v");
-    const hqp::Tick& tick = session_.tick();
-    require(command.size() == tick.command().size() && x.size() == tick.x().size() &&
-                residuals.size() == tick.residuals().size(),
-            "command, x or residuals");
+    const auto [motors, variables, levels] = sizes();
+    require(command.size() == motors && x.size() == variables && residuals.size() == levels, "command, x or residuals");
     {
       const nb::gil_scoped_release release;
       if (time) session_.step(q.data(), v.data(), *time, now);
       else session_.step(q.data(), v.data());
     }
+    const hqp::Tick& tick = session_.tick();
     std::copy(tick.command().begin(), tick.command().end(), command.data());
     std::copy(tick.x().begin(), tick.x().end(), x.data());
     std::copy(tick.residuals().begin(), tick.residuals().end(), residuals.data());
     std::vector<Told> notes;
     for (const hqp::Note& note : tick.notes())
       notes.emplace_back(note.element, static_cast<int>(note.status), note.text());
-    return {static_cast<int>(tick.status()), static_cast<long>(tick.held()), std::move(notes)};
+    return {static_cast<int>(tick.status()), static_cast<long>(tick.held()), std::move(notes), tick.residuals().size()};
   }
   std::tuple<std::size_t, std::size_t, std::size_t> sizes() const {
     const hqp::Tick& tick = session_.tick();
-    return {tick.command().size(), tick.x().size(), tick.residuals().size()};
+    return {tick.command().size(), tick.x().size(), session_.levels()};
   }
   void begin(const Vector& command, const std::optional<Vector>& q, const std::optional<Vector>& v) {
     require(command.size() == session_.tick().command().size(), "command");
@@ -72,6 +73,7 @@ class Session {
     require(!v || v->size() == std::size_t(session_.nv()), "v");
     session_.begin(command.data(), q ? q->data() : nullptr, v ? v->data() : nullptr);
   }
+  void change(const std::string& stack, double over) { session_.change(stack, over); }
   std::vector<std::string> names() const { return session_.names(); }
 
   // what: 0 value, 1 velocity, 2 acceleration, 3 normal, 4 load, 5 hold value.
@@ -276,6 +278,9 @@ NB_MODULE(_session, module) {
       .def("held", &Session::held, "reference"_a)
       .def("say", &Session::say, "reference"_a, "present"_a)
       .def("phase", &Session::phase, "name"_a)
+      .def("change", &Session::change, "stack"_a, "over"_a)
+      .def_prop_ro("transition", [](const Session& s) { return s.get().transition(); })
+      .def_prop_ro("stacks", [](const Session& s) { return s.get().stacks(); })
       .def("integrate", &Session::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def("reset", &Session::reset)
       .def_prop_ro("counters", [](const Session& s) { return told(s.get().counters()); })

@@ -76,10 +76,8 @@ class Guarded {
     tick_.residuals_.resize(line_.levels().size());
     tick_.marks_.resize(line_.rows());
     tick_.notes_.resize(Tick::kNotes + 2 * limits_.size());
-    if (live_) return;  // the program owns its solver, and no batch runs it
     CarryOver state = CarryOver::to_first(initial_);
     keep(state);
-    line_.solver()->make_room(out_.size());
   }
 
   // Facts about a state besides q and v.
@@ -99,9 +97,8 @@ class Guarded {
     return tick;
   }
 
-  // Carry the session's state over to the next tick, without pending references.
+  // Carry the session's state over to the next tick, without pending references and without the rows' state.
   void keep(CarryOver& state) {
-    halt_->keep(state);
     state.take(good_), state.take(placed_), outgoing_.trend().keep(state);
     state.take(tick_.count_), state.take(tick_.held_);
     state.take(x_.data(), x_.size());
@@ -110,6 +107,9 @@ class Guarded {
     contacts_.keep(state);
     limits_.keep(state);
     references_.keep(state);
+  }
+  // Carry the state of rows and solver over, which sessions of one stack share.
+  void keep_rows(CarryOver& state) {
     line_.assembly().keep(state);
     line_.solver()->keep(state);
   }
@@ -158,6 +158,7 @@ class Guarded {
   bool named(std::size_t member) const { return naming_[member]; }
   // Set the phase of the following ticks, "" for none.
   void phase(const std::string& name) { presence_.phase(name); }
+  bool knows(const std::string& phase) const { return presence_.knows(phase); }
 
   // Forget what is stored for the next tick.
   void forget() {
@@ -177,17 +178,36 @@ class Guarded {
     line_.solver()->limit(0.0);
   }
 
-  // Return to the state after construction.
-  void reset() {
-    line_.solver()->reset(), attended_ = false;
+  // The first session of a stack, whose rows and solver are as new.
+  void first() {
+    CarryOver rows = CarryOver::to_first(initial_rows_);
+    keep_rows(rows);
+    line_.solver()->make_room(out_.size());
+  }
+  // Return to the state after construction; a stop stays.
+  void reset() { renew(), reset_rows(), pause(); }
+  void reset_rows() {
+    line_.solver()->reset();
+    CarryOver state = CarryOver::from_first(initial_rows_);
+    keep_rows(state);
+  }
+  // Return to the state after construction, but for rows and solver.
+  void renew() {
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
-    fresh_ = true, timed_ = false;
-    forget(), presence_.phase(0);
+    fresh_ = true, timed_ = ordinary_ = false;
+    alone(x_.data()), all_in();
+    forget(), references_.forget_all(), presence_.forget_all();
     laws_.reset();
-    counters_->pause();
     if (following_) following_->reset();
   }
+  // Another session of the stack begins or works: no element is out of the shared rows now.
+  void all_in() {
+    out_.assign(out_.size(), false);
+    line_.go_without(out_), attended_ = false;
+  }
+  void share() { references_.share(); }
+  void pause() { counters_->pause(); }
 
   // Continue from another session of the robot, after x was sent.
   void follow(const Guarded& other, const double* x) {
@@ -507,7 +527,7 @@ class Guarded {
   Budget budget_;
   std::vector<double> q_, v_, good_q_, good_v_, x_, start_, angles_, over_;
   References references_;
-  WarmState initial_;
+  WarmState initial_, initial_rows_;
   ContactWatch contacts_;
   LimitWatch limits_;
   LeftOut left_out_;

@@ -111,20 +111,30 @@ class Node : public PlanOf<Node> {
   const Memory* memory_;
 };
 
-// What a session of a file is made of.
+// Source of sessions from a file: they share the memory of the plan, the rows and the solver.
 class FileSource {
  public:
   static constexpr bool kLive = false;
+  FileSource(std::shared_ptr<const Plan> plan, std::shared_ptr<const Memory> memory, const Json& root)
+      : plan_(std::move(plan)), memory_(std::move(memory)), root_(&root) {}
   explicit FileSource(std::shared_ptr<const Plan> plan)
-      : plan_(std::move(plan)), memory_(std::make_shared<Memory>(*plan_)) {}
-  Node root() const { return {plan_->root(), *memory_}; }
-  Parts parts() const { return made_of(root()); }
+      : FileSource(plan, std::make_shared<const Memory>(*plan), plan->root()) {}
+  Node root() const { return {*root_, *memory_}; }
+  const Parts& parts() const {
+    if (!parts_) parts_ = std::make_shared<Parts>(made_of(root()));
+    return *parts_;
+  }
   Foreign* foreign() const { return nullptr; }
-  std::shared_ptr<const void> kept() const { return std::make_shared<FileSource>(*this); }
+  std::shared_ptr<const void> kept() const {
+    parts();
+    return std::make_shared<FileSource>(*this);
+  }
 
  private:
   std::shared_ptr<const Plan> plan_;
-  std::shared_ptr<Memory> memory_;
+  std::shared_ptr<const Memory> memory_;
+  const Json* root_;
+  mutable std::shared_ptr<Parts> parts_;
 };
 
 }  // namespace hqp

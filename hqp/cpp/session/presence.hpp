@@ -48,9 +48,13 @@ class Presence {
     throw ReferenceError("the plan has no phase '" + name + "'; allowed: " + (known.empty() ? "none" : known));
   }
   std::size_t phase() const { return phase_; }
+  bool knows(const std::string& phase) const {
+    return phase.empty() || std::find(names_.begin(), names_.end(), phase) != names_.end();
+  }
   // Set the presence of a member in the next tick.
   void say(std::size_t m, bool in) { said_[m] = in ? 1 : -1; }
   void forget() { std::fill(said_.begin(), said_.end(), 0); }
+  void forget_all() { forget(), std::fill(last_.begin(), last_.end(), 0), phase_ = 0; }
   // As References::lasting.
   void lasting(bool lasts) { lasting_ = lasts; }
 

@@ -70,6 +70,12 @@ class References {
   void forget() {
     for (Given& given : given_) given.fields = 0;
   }
+  void forget_all() {
+    for (Given& given : given_) given.fields = given.last = 0, given.kept = false;
+    renewed_.clear();
+  }
+  // Another session writes into the line's arrays between ticks.
+  void share() { live_ = true; }
 
   // The references that an element had last hold as long as it has no other one; else each holds for one tick.
   void lasting(bool lasts) { lasting_ = lasts; }

@@ -6,8 +6,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "guarded.hpp"
-#include "node.hpp"
+#include "stacks.hpp"
 
 namespace hqp {
 
@@ -129,62 +128,54 @@ std::string Note::text() const {
   return "";
 }
 
-void Reference::set(What what, const double* values, std::size_t size) { session_->set(member_, what, values, size); }
-void Reference::on(bool in) { session_->say(member_, in); }
+void Reference::set(What what, const double* values, std::size_t size) { session_->set(element_, what, values, size); }
+void Reference::on(bool in) { session_->say(element_, in); }
 std::size_t Reference::size() const { return held().size(); }
-const std::vector<double>& Reference::held() const {
-  const Line& line = static_cast<const Guarded*>(session_)->line();
-  return line.slots()[std::size_t(line.members()[member_].slot)].hold;
-}
-const std::string& Reference::name() const { return session_->line().members()[member_].name; }
+const std::vector<double>& Reference::held() const { return static_cast<const Stacks*>(session_)->held(element_); }
+const std::string& Reference::name() const { return session_->names()[element_]; }
 
 Session::Session(std::shared_ptr<const Plan> plan)
-    : guarded_(Guarded::made(FileSource(plan))), fingerprint_(plan->fingerprint()) {}
+    : stacks_(std::make_unique<Stacks>(plan)), fingerprint_(plan->fingerprint()) {}
 Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;
 
-Reference Session::reference(const std::string& name) { return {*guarded_, guarded_->references().member(name)}; }
-void Session::phase(const std::string& name) { guarded_->phase(name); }
-void Session::begin(const double* command, const double* q, const double* v) { guarded_->begin(command, q, v); }
-const Tick& Session::step(const double* q, const double* v) noexcept { return guarded_->step(q, v); }
+Reference Session::reference(const std::string& name) { return {*stacks_, stacks_->element(name)}; }
+void Session::phase(const std::string& name) { stacks_->phase(name); }
+void Session::change(const std::string& stack, double over) { stacks_->change(stack, over); }
+double Session::transition() const noexcept { return stacks_->transition(); }
+std::vector<std::string> Session::stacks() const { return stacks_->stacks(); }
+void Session::begin(const double* command, const double* q, const double* v) { stacks_->begin(command, q, v); }
+const Tick& Session::step(const double* q, const double* v) noexcept { return stacks_->step(q, v); }
 const Tick& Session::step(const double* q, const double* v, double time) noexcept {
   return step(q, v, time, std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count());
 }
 const Tick& Session::step(const double* q, const double* v, double time, double now) noexcept {
   Guarded::Told told;
   told.time = &time, told.now = now;
-  return guarded_->step(q, v, told);
+  return stacks_->step(q, v, told);
 }
-const Tick& Session::tick() const { return guarded_->tick(); }
-Counts Session::counters() const noexcept { return guarded_->counters().counts(); }
-std::int64_t Session::heartbeat() const noexcept { return guarded_->counters().heartbeat(); }
+const Tick& Session::tick() const { return stacks_->tick(); }
+Counts Session::counters() const noexcept { return stacks_->current().counters().counts(); }
+std::int64_t Session::heartbeat() const noexcept { return stacks_->current().counters().heartbeat(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
-  guarded_->line().kinematics()->integrate(q, v, dt, out);
+  stacks_->current().line().kinematics()->integrate(q, v, dt, out);
 }
-void Session::reset() {
-  const char* why = guarded_->halt().why();
-  guarded_->reset();
-  if (why) guarded_->halt().stop(why);
-}
-void Session::stop(const std::string& reason) { guarded_->halt().stop(reason); }
-void Session::resume() { guarded_->halt().resume(); }
+void Session::reset() { stacks_->reset(); }
+void Session::stop(const std::string& reason) { stacks_->current().halt().stop(reason); }
+void Session::resume() { stacks_->current().halt().resume(); }
 std::string Session::stopped() const {
-  const char* why = guarded_->halt().why();
+  const char* why = stacks_->current().halt().why();
   return why ? why : "";
 }
-int Session::nq() const { return guarded_->line().nq(); }
-int Session::nv() const { return guarded_->line().nv(); }
-double Session::dt() const { return guarded_->line().dt(); }
-const std::string& Session::robot() const { return guarded_->robot().name; }
-const std::vector<std::string>& Session::joint_names() const { return guarded_->robot().joint_names; }
-std::vector<std::string> Session::names() const {
-  std::vector<std::string> found;
-  for (const Member& member : guarded_->line().members())
-    if (member.slot >= 0) found.push_back(member.name);
-  return found;
-}
-const std::vector<double>& Session::home() const { return guarded_->robot().home; }
+std::size_t Session::levels() const { return stacks_->levels(); }
+int Session::nq() const { return stacks_->current().line().nq(); }
+int Session::nv() const { return stacks_->current().line().nv(); }
+double Session::dt() const { return stacks_->current().line().dt(); }
+const std::string& Session::robot() const { return stacks_->current().robot().name; }
+const std::vector<std::string>& Session::joint_names() const { return stacks_->current().robot().joint_names; }
+std::vector<std::string> Session::names() const { return stacks_->names(); }
+const std::vector<double>& Session::home() const { return stacks_->current().robot().home; }
 
 std::shared_ptr<const Plan> read(const std::string& path, const std::string& key) { return read_plan(path, key); }
 Session load(const std::string& path, const std::string& key) { return Session(read(path, key)); }

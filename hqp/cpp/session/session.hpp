@@ -17,7 +17,7 @@
 namespace hqp {
 
 class Plan;
-class Guarded;
+class Stacks;
 
 // Enables a template for vectors with data() only.
 template <class Vector>
@@ -76,13 +76,14 @@ class Reference {
   friend class Session;
   friend class Guarded;
   friend class References;
+  friend class Stacks;
   enum What { kValue, kVelocity, kAcceleration, kNormal, kLoad, kHold };
 
-  Reference(Guarded& session, std::size_t member) : session_(&session), member_(member) {}
+  Reference(Stacks& session, std::size_t element) : session_(&session), element_(element) {}
   void set(What what, const double* values, std::size_t size);
 
-  Guarded* session_;
-  std::size_t member_;
+  Stacks* session_;
+  std::size_t element_;
 };
 
 class Session {
@@ -107,6 +108,13 @@ class Session {
   void begin(const Command& command, const Vector& q, const Vector& v) {
     begin(command.data(), q.data(), v.data());
   }
+
+  // Switch to the stack of that name, "" for the first one, at once or within `over` seconds at least; see Python's
+  // Session.change. It may allocate. Throws ReferenceError for a name that the plan does not have or a bad duration.
+  void change(const std::string& stack, double over = 0.0);
+  // How far a change of stack has come, 1 if none is under way.
+  double transition() const noexcept;
+  std::vector<std::string> stacks() const;  // names of the stacks, "" first
 
   // One tick for q (nq) and v (nv): no allocation, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
@@ -137,6 +145,7 @@ class Session {
   // Forget warm start, hold values and the last command: as just made. A stop stays.
   void reset();
 
+  std::size_t levels() const;  // largest number of levels of a stack, those on the way of a change included
   int nq() const;
   int nv() const;
   double dt() const;
@@ -149,7 +158,7 @@ class Session {
   const std::vector<double>& home() const;              // (nq)
 
  private:
-  std::unique_ptr<Guarded> guarded_;
+  std::unique_ptr<Stacks> stacks_;
   std::string fingerprint_;
 };
 

@@ -169,6 +169,16 @@ class Transition {
     other.alone(x_.data());
   }
 
+  // Hold an element at the hold value of another stack, if that has one.
+  static void keep_hold(const Guarded& from, Guarded& to, const std::string& name) {
+    const std::vector<double>* held = from.references().held(name);
+    if (!held) return;
+    for (const Member& member : to.line().members())
+      if (member.name == name && member.slot >= 0 &&
+          to.line().slots()[std::size_t(member.slot)].hold.size() == held->size())
+        to.references().keep_hold(std::size_t(member.slot), held->data());
+  }
+
   const Tick& tick() const { return tick_; }
   const Sent& sent() const { return sent_; }
   double progress() const { return progress_; }  // 0 at the start, 1 at the end of the way
@@ -246,15 +256,6 @@ class Transition {
     if (!ramp_.arriving() || leaving_) second.adopt(first), second.lasting(true);
     hooks_.begins(order_[ramp_.at()], order_[ramp_.at() + 1], ramp_.arriving());
   }
-  static void keep_hold(const Guarded& from, Guarded& to, const std::string& name) {
-    const std::vector<double>* held = from.references().held(name);
-    if (!held) return;
-    for (const Member& member : to.line().members())
-      if (member.name == name && member.slot >= 0 &&
-          to.line().slots()[std::size_t(member.slot)].hold.size() == held->size())
-        to.references().keep_hold(std::size_t(member.slot), held->data());
-  }
-
   // Note the contacts that have to bear nothing now, for they leave the dynamics, and still do.
   void bear(const double* x) {
     const std::vector<std::string>& released = way_.stops[order_[ramp_.at()]].released;

@@ -1,0 +1,282 @@
+// The stacks of a plan at work: one of them, or transitions to it from others.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "guarded.hpp"
+#include "node.hpp"
+#include "transition.hpp"
+
+namespace hqp {
+
+class Stacks {
+ public:
+  static constexpr int kDeepest = 3;  // transitions that may be under way at a time
+
+  // Throws PlanError if the plan is inconsistent.
+  explicit Stacks(std::shared_ptr<const Plan> plan) : plan_(std::move(plan)) {
+    const auto memory = std::make_shared<const Memory>(*plan_);
+    const Node root(plan_->root(), *memory);
+    add(FileSource(plan_, memory, plan_->root()), "");
+    if (root.has("stacks"))
+      for (const Json& one : plan_->root()["stacks"].items)
+        add(FileSource(plan_, memory, one), Node(one, *memory).text("name"));
+    if (root.has("ways"))
+      for (const Node& one : root.parts("ways")) {
+        const std::size_t from = std::size_t(one.place("from", named_.size())),
+                          to = std::size_t(one.place("to", named_.size()));
+        ways_.push_back({from, to, one.places("through", stacks_.size()), std::make_unique<Way>(one)});
+        if (ways_.back().through.size() != ways_.back().way->stops.size())
+          throw PlanError("a transition has " + std::to_string(ways_.back().through.size()) + " stacks and " +
+                          std::to_string(ways_.back().way->stops.size()) + " stops: export the plan anew");
+      }
+    for (const std::size_t k : named_)
+      for (const Member& member : stacks_[k].lines[0]->line().members())
+        if (member.slot >= 0 && std::find(names_.begin(), names_.end(), member.name) == names_.end())
+          names_.push_back(member.name);
+    for (Stack& stack : stacks_) {
+      for (const std::string& name : names_) stack.members.push_back(index(*stack.lines[0], name));
+      if (stacks_.size() > 1) stack.lines[0]->share();
+    }
+    current_ = stacks_[0].lines[0].get();
+    tick_ = &current_->tick();
+  }
+  Stacks(const Stacks&) = delete;
+
+  const Tick& step(const double* q, const double* v, const Guarded::Told& told = {}) {
+    tidy();
+    tick_ = legs_.empty() ? &current_->step(q, v, told) : &legs_.back().transition->step(q, v, told);
+    return *tick_;
+  }
+  const Tick& tick() const { return *tick_; }
+  // How far a change of stack has come, 1 if none is under way.
+  double transition() const { return legs_.empty() ? 1.0 : legs_.back().transition->progress(); }
+
+  // Switch to the stack of that name, at once or within `over` seconds at least. Throws ReferenceError for a name that
+  // the plan does not have or a bad duration.
+  void change(const std::string& name, double over) {
+    std::size_t to = 0;
+    while (to < named_.size() && stacks_[named_[to]].name != name) ++to;
+    if (to == named_.size()) throw ReferenceError("the plan has no stack '" + name + "'; allowed: " + known());
+    if (!(over >= 0.0 && std::isfinite(over)))
+      throw ReferenceError("a change takes " + std::to_string(over) + " s, allowed 0 or above");
+    tidy();
+    const auto way =
+        std::find_if(ways_.begin(), ways_.end(), [&](const Route& one) { return one.from == at_ && one.to == to; });
+    if (way == ways_.end()) throw ReferenceError("the plan has no way to stack '" + name + "': export it with stacks");
+    if (over == 0.0) {
+      Guarded& next = fresh(named_[to]);
+      for (const std::string& held : way->way->stops.back().first_kept) Transition::keep_hold(*current_, next, held);
+      if (legs_.empty()) next.follow(*current_, current_->sent().data());
+      else legs_.back().transition->pass_on(next);
+      retire();
+      current_ = &next;
+    } else {
+      if (!legs_.empty() && legs_.back().transition->depth() >= kDeepest) {
+        legs_.back().transition->end();  // so many changes at a time: the oldest ones end here
+        retire();
+      }
+      Leg leg{{current_}, nullptr};
+      for (std::size_t k = 1; k < way->through.size(); ++k) {
+        Guarded& next = fresh(std::size_t(way->through[k]), leg.lines);
+        for (const std::string& held : way->way->stops[k].first_kept) Transition::keep_hold(*current_, next, held);
+        leg.lines.push_back(&next);
+      }
+      leg.transition = std::make_unique<Transition>(leg.lines, *way->way, over / current_->line().dt(),
+                                                    legs_.empty() ? nullptr : legs_.back().transition.get(), no_hooks_);
+      current_ = leg.lines.back();
+      legs_.push_back(std::move(leg));
+    }
+    at_ = to;
+  }
+  // Names of the stacks, "" for the one that a session begins with.
+  std::vector<std::string> stacks() const {
+    std::vector<std::string> found;
+    for (const std::size_t k : named_) found.push_back(stacks_[k].name);
+    return found;
+  }
+
+  // Elements of all stacks that take a reference.
+  const std::vector<std::string>& names() const { return names_; }
+  // Index of an element; throws ReferenceError if no element with a reference has that name.
+  std::size_t element(const std::string& name) const {
+    const auto found = std::find(names_.begin(), names_.end(), name);
+    if (found != names_.end()) return std::size_t(found - names_.begin());
+    return stacks_[0].lines[0]->references().member(name);  // throws, and lists the names
+  }
+  // As Guarded::set and Guarded::say, for the stacks at work.
+  void set(std::size_t element, int field, const double* values, std::size_t size) {
+    each(element, [&](Guarded& line, std::size_t member) { line.set(member, field, values, size); });
+    if (field == Reference::kLoad)
+      for (const Leg& leg : legs_) leg.transition->measure(names_[element], *values);
+  }
+  void say(std::size_t element, bool in) {
+    each(element, [&](Guarded& line, std::size_t member) { line.say(member, in); });
+  }
+  const std::vector<double>& held(std::size_t element) const {
+    const Guarded* line = current_;
+    int member = index(*line, names_[element]);
+    for (std::size_t k = 0; member < 0; ++k) line = stacks_[k].lines[0].get(), member = stacks_[k].members[element];
+    return line->line().slots()[std::size_t(line->line().members()[std::size_t(member)].slot)].hold;
+  }
+  // Set the phase of the following ticks, "" for none, in the stacks that have it.
+  void phase(const std::string& name) {
+    tidy();
+    if (!current_->knows(name) &&
+        (legs_.empty() || std::none_of(legs_.begin(), legs_.end(), [&](const Leg& leg) { return leg.knows(name); })))
+      current_->phase(name);  // throws, and lists the phases
+    phase_ = name;
+    if (legs_.empty()) current_->phase(name);
+    for (const Leg& leg : legs_)
+      for (Guarded* line : leg.lines) line->phase(line->knows(name) ? name : "");
+  }
+  void begin(const double* command, const double* q, const double* v) {
+    tidy();
+    if (legs_.empty()) current_->begin(command, q, v);
+    for (const Leg& leg : legs_) {
+      for (Guarded* line : leg.lines) line->begin(command, q, v);
+      leg.transition->begin_sent();
+    }
+  }
+  // Return to the state after construction.
+  void reset() {
+    legs_.clear(), ended_.clear();
+    for (Stack& stack : stacks_) {
+      for (const auto& line : stack.lines) line->renew();
+      stack.lines[0]->reset_rows();
+    }
+    current_->pause();
+    phase_.clear(), at_ = 0;
+    current_ = stacks_[0].lines[0].get();
+    tick_ = &current_->tick();
+  }
+  // Finish every answer from now on, and accept states of any age.
+  void without_deadline() {
+    unlimited_ = true;
+    for (Stack& stack : stacks_)
+      for (const auto& line : stack.lines) line->without_deadline();
+  }
+
+  // The stack at work, in a change the one that takes over.
+  Guarded& current() { return *current_; }
+  const Guarded& current() const { return *current_; }
+  std::size_t levels() const {  // largest number in a stack
+    std::size_t most = 0;
+    for (const Stack& stack : stacks_) most = std::max(most, stack.lines[0]->line().levels().size());
+    return most;
+  }
+
+ private:
+  struct Stack {
+    FileSource source;
+    std::string name;
+    std::vector<std::unique_ptr<Guarded>> lines;  // all of them share its rows and its solver
+    std::vector<int> members;                     // of each name of names_, -1 if it does not have it
+  };
+  struct Route {
+    std::size_t from, to;      // of named_
+    std::vector<int> through;  // of stacks_
+    std::unique_ptr<Way> way;
+  };
+  struct Leg {  // a transition that is under way to the next one, or to the current stack
+    std::vector<Guarded*> lines;
+    std::unique_ptr<Transition> transition;
+
+    bool knows(const std::string& phase) const {
+      return std::any_of(lines.begin(), lines.end(), [&](const Guarded* line) { return line->knows(phase); });
+    }
+  };
+
+  static int index(const Guarded& line, const std::string& name) {
+    const std::vector<Member>& members = line.line().members();
+    for (std::size_t m = 0; m < members.size(); ++m)
+      if (members[m].name == name && members[m].slot >= 0) return int(m);
+    return -1;
+  }
+  void add(FileSource source, const std::string& name) {
+    std::vector<std::unique_ptr<Guarded>> lines;
+    lines.push_back(Guarded::made(source));
+    lines.back()->first();
+    if (stacks_.empty() || !name.empty()) named_.push_back(stacks_.size());
+    stacks_.push_back({std::move(source), name, std::move(lines), {}});
+  }
+  // Forget the transitions that have ended; their ticks stay until the next step.
+  void tidy() {
+    if (legs_.empty()) return;
+    std::size_t done = 0;
+    for (std::size_t k = 0; k < legs_.size(); ++k)
+      if (legs_[k].transition->done()) done = k + 1;
+    if (done == 0) return;
+    ended_.clear();
+    ended_.insert(ended_.end(), std::make_move_iterator(legs_.begin()),
+                  std::make_move_iterator(legs_.begin() + std::ptrdiff_t(done)));
+    legs_.erase(legs_.begin(), legs_.begin() + std::ptrdiff_t(done));
+  }
+  void retire() {
+    if (legs_.empty()) return;
+    tick_ = &legs_.back().transition->tick();
+    ended_ = std::move(legs_), legs_.clear();
+  }
+  bool works(const Guarded* line, const std::vector<Guarded*>& others) const {
+    const auto among = [&](const std::vector<Guarded*>& some) {
+      return std::find(some.begin(), some.end(), line) != some.end();
+    };
+    return line == current_ || among(others) ||
+           std::any_of(legs_.begin(), legs_.end(), [&](const Leg& leg) { return among(leg.lines); });
+  }
+  // A line of a stack that is not at work, as new; its rows and its solver go on.
+  Guarded& fresh(std::size_t k, const std::vector<Guarded*>& others = {}) {
+    Stack& stack = stacks_[k];
+    for (const auto& line : stack.lines) line->all_in();
+    std::size_t at = 0;
+    while (at < stack.lines.size() && works(stack.lines[at].get(), others)) ++at;
+    if (at == stack.lines.size()) {
+      stack.lines.push_back(Guarded::made(stack.source));
+      stack.lines[at]->share();
+      if (unlimited_) stack.lines[at]->without_deadline();
+    }
+    Guarded& line = *stack.lines[at];
+    line.renew();
+    if (line.knows(phase_)) line.phase(phase_);
+    return line;
+  }
+  template <class Do>
+  void each(std::size_t element, const Do& run) {
+    tidy();
+    bool any = false;
+    const auto one = [&](Guarded& line) {
+      const int member = index(line, names_[element]);
+      if (member >= 0) run(line, std::size_t(member)), any = true;
+    };
+    if (legs_.empty()) one(*current_);
+    for (std::size_t k = 0; k < legs_.size(); ++k)
+      for (std::size_t i = k > 0 ? 1 : 0; i < legs_[k].lines.size(); ++i) one(*legs_[k].lines[i]);
+    if (!any) throw ReferenceError(names_[element] + ": the stack at work does not have it");
+  }
+  std::string known() const {
+    std::string found;
+    for (const std::size_t k : named_)
+      if (k > 0) found += (found.empty() ? "" : ", ") + stacks_[k].name;
+    return found.empty() ? "none" : found;
+  }
+
+  std::shared_ptr<const Plan> plan_;
+  std::vector<Stack> stacks_;
+  std::vector<std::size_t> named_;  // stacks with a name, and the first one
+  std::vector<Route> ways_;
+  std::vector<std::string> names_;
+  std::vector<Leg> legs_, ended_;
+  Guarded* current_ = nullptr;
+  const Tick* tick_ = nullptr;
+  std::size_t at_ = 0;  // of named_
+  std::string phase_;
+  bool unlimited_ = false;
+  Transition::Hooks no_hooks_;
+};
+
+}  // namespace hqp
