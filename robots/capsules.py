@@ -40,7 +40,7 @@ def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
 def surfaces(robot: Any) -> dict[int, Surface]:
     """Surface of the collision shapes that each joint carries, in its axes; raises ModelError without shapes."""
     found: dict[int, list[Surface]] = {}
-    for item in robot.geometry.geometryObjects:
+    for item in robot.read_shapes("collision").geometryObjects:
         joint = int(item.parentJoint)
         if joint > 0 and type(item.geometry).__name__ not in ("Halfspace", "Plane"):
             found.setdefault(joint, []).append(surface(item, around=True))

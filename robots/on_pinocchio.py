@@ -261,7 +261,7 @@ class Robot:
     def geometry(self) -> Any:
         """Collision shapes, a pinocchio.GeometryModel, read on first use; raises ModelError without any."""
         if self._geometry is None:
-            self._geometry = self._shapes("collision")
+            self._geometry = self.read_shapes("collision")
         return self._geometry
 
     @property
@@ -273,7 +273,7 @@ class Robot:
     def visual(self) -> Any:
         """Shapes to be drawn, a pinocchio.GeometryModel; raises ModelError without any."""
         if self._visual is None:
-            self._visual = self._shapes("visual")
+            self._visual = self.read_shapes("visual")
         return self._visual
 
     @property
@@ -287,9 +287,7 @@ class Robot:
         if not self._capsules:
             from . import capsule_cache
 
-            before = self._geometry
             self._capsules.append(capsule_cache.around(self))
-            self._geometry = before  # meshes are large: shapes read for the fit are released
         return self._capsules[0]
 
     def with_capsules(self, capsules: str | Path | Sequence[LinkCapsule]) -> Robot:
@@ -302,9 +300,13 @@ class Robot:
         clone._capsules = [tuple(capsules)]
         return clone
 
-    def _shapes(self, kind: Literal["collision", "visual"]) -> Any:
+    def read_shapes(self, kind: Literal["collision", "visual"]) -> Any:
+        """``geometry`` or ``visual``; shapes that are read for it are not kept, meshes are large."""
         from .geometry import read
 
+        kept = self._geometry if kind == "collision" else self._visual
+        if kept is not None:
+            return kept
         if self.description is None:
             raise ModelError(f"{self.name} has no file and no {kind} shapes: pass Robot(..., geometry=...)")
         return read(self.description, self.model, kind)

@@ -158,11 +158,9 @@ def _number(value: float, unit: str) -> str:
 
 def _shapes(robot: Any, what: str) -> str:
     try:
-        kept = robot._geometry, robot._visual
-        items = (robot.geometry if what == "collision" else robot.visual).geometryObjects
+        items = robot.read_shapes(what).geometryObjects
         kinds = Counter(type(item.geometry).__name__ for item in items)
         links = len({int(item.parentJoint) for item in items})
-        robot._geometry, robot._visual = kept
     except ModelError as error:
         return f"could not be read: {error}"
     if not kinds:
