@@ -83,20 +83,24 @@ paper:
 	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
 # Sessions in C++: recorded loops give equal bits, without an allocation; G1 stands in MuJoCo's C library in real
-# time; the kernel alone agrees to 1e-12.
+# time; the kernel alone agrees to 1e-12; a program and the ros2_control controller move an arm as Python does.
 REPLAYED := build/replay
+SHIFT := 0.05 0 0.1
 test-cpp: setup
 	$(BIN)/python -m tests.export.native.record --ticks 1000 --folder $(REPLAYED)
 	cmake -S tests/export/native -B build/session -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > $(REPLAYED)/configure.log
-	cmake --build build/session --target replay
+	cmake --build build/session --target replay --target ros_controller
 	build/session/replay 0 $(REPLAYED)/*.hqp
 	mkdir -p build/cpp
+	$(BIN)/python -m tests.environments.plan build/cpp/ur5.hqp $(SHIFT)
+	build/session/ros_controller build/cpp/ur5.hqp hand $(SHIFT) | diff - build/cpp/ur5.txt
 	$(BIN)/python examples/cpp/record.py build/cpp/g1.bin
 	$(BIN)/python examples/cpp/standing.py build/cpp
 	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
 	    -Dmujoco_DIR=$$($(BIN)/python -c "import mujoco, os; print(os.path.dirname(mujoco.__file__))") > build/cpp/configure.log
 	cmake --build build/cpp
 	build/cpp/replay build/cpp/g1.bin 1e-12
+	build/cpp/follow build/cpp/ur5.hqp hand $(SHIFT) | diff - build/cpp/ur5.txt
 	printf 'right 0.05 0 0.1\nleft 0 0 0.05\n' | build/cpp/standing build/cpp 3
 
 # The kernel for ARM, compiled here and run under emulation: answers equal those of this machine.
@@ -120,7 +124,8 @@ test-arm: setup
 problem-sets: setup
 	$(BIN)/python -m benchmarks.speed.publish build/problem_sets
 
-CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp tests/export/native/*.cpp examples/cpp/*.cpp)
+CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp tests/export/native/*.cpp examples/cpp/*.cpp \
+    examples/ros2_control/*.hpp tests/examples/ros/*.cpp tests/examples/ros/*/*.hpp tests/examples/ros/*/*/*.hpp)
 
 # Every MJCF of PyPI packages (340 MB), read and compared with MuJoCo; examples on models of packages.
 CORPUS := build/corpus

@@ -1,4 +1,4 @@
-"""UNTESTED: a ROS 2 node, JointState in, JointTrajectory out, stack from TOML.  rclpy is not on PyPI.
+"""A ROS 2 node: JointState in, JointTrajectory out, stack from TOML.  Tested beside stand-ins; it has not run on ROS 2.
 
 ros2 run ... or: python ros2_node.py STACK.toml ROBOT
 """

@@ -26,16 +26,16 @@ CM, MM = 100.0, 1000.0
 Files = list[tuple[str, Path]]
 
 
-def _save(figure: plt.Figure, output: Path, stem: str, caption: str) -> Files:
+def _save(figure: plt.Figure, output: Path, stem: str, caption: str, dpi: float = 100.0) -> Files:
     output.mkdir(parents=True, exist_ok=True)
     path = output / f"{stem}.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=dpi)
     plt.close(figure)
     return [(caption, path)]
 
 
-def _axes(rows: int, height: float) -> tuple[plt.Figure, np.ndarray]:
-    figure, axes = plt.subplots(rows, 1, figsize=(8.0, height), sharex=True, layout="constrained", squeeze=False)
+def _axes(rows: int, height: float, width: float = 8.0) -> tuple[plt.Figure, np.ndarray]:
+    figure, axes = plt.subplots(rows, 1, figsize=(width, height), sharex=True, layout="constrained", squeeze=False)
     for axis in axes[:, 0]:
         axis.grid(alpha=0.3)
     return figure, axes[:, 0]
@@ -165,7 +165,7 @@ def tilt_panels(output: Path, run: Outing) -> Files:
 
 
 def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
-    figure, (com, hand, posture, base, speed, pull, load) = _axes(7, 11.0)
+    figure, (com, hand, posture, base, speed, pull, load) = _axes(7, 9.0, 6.0)  # few inches: its many labels stay large
     log, scene = run.log, run.scene
     t = log["t"]
     com.plot(t, MM * np.linalg.norm(log["com"], axis=1), color=ACTUAL)
@@ -193,5 +193,5 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
             axis.axvline(when, color="0.3", linestyle="--", linewidth=0.8)
             if axis is com:
                 place = (when, 0.8 - 0.2 * k)  # one below the other: two instants may be close
-                axis.annotate(f" {text}", place, xycoords=("data", "axes fraction"), fontsize="small")
-    return _save(figure, output, stem, title)
+                axis.annotate(f" {text}", place, xycoords=("data", "axes fraction"))
+    return _save(figure, output, stem, title, dpi=135.0)

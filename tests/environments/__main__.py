@@ -31,6 +31,8 @@ assert session.step(session.home).status.solved
 assert hqp.Batch.load(sys.argv[1], 2).step(numpy.tile(session.home, (2, 1))).solved.all()
 print("numpy", importlib.metadata.version("numpy"))
 """
+SHIFT = ("0.05", "0", "0.1")
+"""Of the hand's target, for a C++ program [m]."""
 
 
 def main() -> int:
@@ -39,12 +41,13 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help="default: all that are not heavy")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "hqp-environments")
     parser.add_argument("--heavy", action="store_true", help="with those that install gigabytes")
+    parser.add_argument("--wheels", type=Path, help="folder of `make wheels`, whose wheels are taken; default: build")
     parser.add_argument("--resolve", action="store_true", help="let pip resolve, install nothing")
     arguments = parser.parse_args()
     known = tomllib.loads((Path(__file__).parent / "environments.toml").read_text())
     chosen = arguments.names or [name for name, about in known.items() if arguments.heavy or not about.get("heavy")]
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    wheels: dict[str, Path] = {}
+    wheels = {} if arguments.wheels is None else built(arguments.wheels)
     failed = []
     for name in chosen:
         about, start = known[name], time.perf_counter()
@@ -68,6 +71,16 @@ def interpreter(version: str | None) -> str | None:
     found = shutil.which(f"python{version}")  # it may be a shim of a version manager that lacks this Python
     usable = found and subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode == 0
     return found if usable else None
+
+
+def built(folder: Path) -> dict[str, Path]:
+    """The wheel of a folder for each Python here."""
+    found = {}
+    for tag in ("cp310", "cp311", "cp312"):
+        python = interpreter(f"3.{tag[3:]}")
+        if python is not None and (wheels := sorted(folder.glob(f"*-{tag}-*.whl"))):
+            found[python] = wheels[-1]
+    return found
 
 
 def run(*command: object, **options: Any) -> str:
@@ -110,8 +123,8 @@ def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dic
             run(inside, "-m", "pip", "install", *WHEELS, *about["requires"])
             run(inside, "-m", "pip", "install", "--quiet", "--no-deps", wheels[python])
             plan = folder / "ur5.hqp"
-            run(sys.executable, "-m", "tests.environments.plan", plan, cwd=ROOT)
-            return run(inside, "-c", ALONE, plan, cwd=suite).strip()
+            run(sys.executable, "-m", "tests.environments.plan", plan, *SHIFT, cwd=ROOT)
+            return f"{run(inside, '-c', ALONE, plan, cwd=suite).strip()}, {linked(inside, plan, home / 'linked')}"
         asked = (f"hqp[robots] @ file://{wheels[python]}", *about["requires"], "pytest", "pytest-timeout", "hypothesis")
         run(inside, "-m", "pip", "install", *WHEELS, *asked)
         run(inside, "-m", "pip", "check")
@@ -131,6 +144,19 @@ def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dic
         )
     finally:
         shutil.rmtree(home, ignore_errors=True)
+
+
+def linked(python: Path, plan: Path, built: Path) -> str:
+    """Build the example on the installed package's libraries: its joints end where those of Python's loop end."""
+    hqp_dir = run(python, "-m", "hqp", "--cmake-dir").strip()
+    run("cmake", "-S", ROOT / "examples" / "cpp", "-B", built, f"-Dhqp_DIR={hqp_dir}")
+    run("cmake", "--build", built, "--target", "follow", "follow_shared")
+    wanted = [float(angle) for angle in plan.with_suffix(".txt").read_text().split()]
+    for program in ("follow", "follow_shared"):
+        angles = [float(angle) for angle in run(built / program, plan, "hand", *SHIFT).split()]
+        if len(angles) != len(wanted) or max(abs(a - b) for a, b in zip(angles, wanted, strict=True)) > 1e-8:
+            raise subprocess.CalledProcessError(1, [program], f"given {angles}, wanted {wanted}")
+    return "linked static and shared"
 
 
 if __name__ == "__main__":
