@@ -27,21 +27,19 @@ def field(text: str, name: str) -> str:
 
 def test_citation_conda_and_package_agree_with_the_project() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    conda = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    conda = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
     assert field(citation, "version") == PROJECT["version"] == hqp.__version__
-    assert re.findall(r'set version = "(.*?)"', conda) == [PROJECT["version"]]
+    assert re.findall(r"^  version: (\d.*)$", conda, re.MULTILINE) == [PROJECT["version"]]
     assert field(citation, "license") == field(conda, "license") == PROJECT["license"]
     assert field(citation, "title").partition(":")[0] == PROJECT["name"]
     assert [field(citation, "name")] == [author["name"] for author in PROJECT["authors"]]
 
 
 def test_conda_asks_for_what_the_project_asks_for() -> None:
-    conda = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
-    run = {
-        re.split(r"[ >]", line.strip("- "))[0] for line in conda.partition("run:")[2].partition("test:")[0].splitlines()
-    }
-    asked = {re.split(r"[>;]", line)[0].strip() for line in PROJECT["dependencies"]}
-    assert {"pinocchio" if name == "pin" else name for name in asked} <= run
+    conda = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    listed = re.findall(r"- (?:if: .*\n +then: )?([\w-]+ >=[\d.]+)$", conda.partition("run:")[2], re.MULTILINE)
+    asked = {line.partition(";")[0].strip().replace(">=", " >=") for line in PROJECT["dependencies"]}
+    assert set(listed) == {line.replace("pin >", "pinocchio >") for line in asked} | {"python >=3.10"}
 
 
 def test_no_address_but_those_of_the_project() -> None:
@@ -50,7 +48,7 @@ def test_no_address_but_those_of_the_project() -> None:
         for pattern in ("*.md", "*.cff", "*.toml", "*.yml", ".github/**/*", "docs/**/*.md", "docs/*.py")
         for p in ROOT.glob(pattern)
     ]
-    pages += [ROOT / "conda" / "meta.yaml", *(ROOT / "hqp").glob("**/*.py")]
+    pages += [ROOT / "conda" / "recipe.yaml", *(ROOT / "hqp").glob("**/*.py")]
     allowed = tuple(PROJECT.get("urls", {}).values())
     for page in filter(Path.is_file, pages):
         for address in ADDRESS.findall(page.read_text(encoding="utf-8")):
