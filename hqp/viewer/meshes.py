@@ -95,6 +95,18 @@ def quaternion(R: Mat) -> Vec:
     return np.array([w, x, y, z])
 
 
+def thinned(cloud: Mat, most: int = 600) -> Mat:
+    """At most so many of the points ``(n, 3)``, in even steps of their order."""
+    return cloud[:: -(-len(cloud) // most)]
+
+
+def nearest(one: Mat, two: Mat) -> Mat:
+    """The points of two clouds that are nearest to each other ``(2, 3)``."""
+    squares = np.sum(one * one, axis=1)[:, None] + np.sum(two * two, axis=1) - 2.0 * one @ two.T
+    i, j = np.unravel_index(int(np.argmin(squares)), squares.shape)
+    return np.stack((one[i], two[j]))
+
+
 def rotation(wxyz: Any) -> Mat:
     """Rotation ``(3, 3)`` of a quaternion wxyz."""
     from scipy.spatial.transform import Rotation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,10 @@ from hqp.arrays import Mat, Vec
 from .channel import Channel
 from .description import RobotDescription, StackDescription
 from .drawn_robot import DrawnRobot
-from .meshes import footprint, hull
+from .meshes import footprint, hull, nearest, thinned
 from .targets import SIZE, Handle
 
-_GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
+_GREEN, _RED, _BLUE, _ORANGE = (26, 143, 76), (207, 42, 42), (22, 104, 199), (217, 122, 0)
 _NO_LINE = np.zeros((1, 2, 3))
 _NEWTONS = 0.0012
 """Length of an arrow a newton [m/N]."""
@@ -38,6 +38,7 @@ class Scene:
         self._soles: dict[str, Mat] = {}
         self._arrows: Any = None
         self._polygon: Any = None
+        self._rods: Any = None
         self._com: tuple[Any, Any, Any] | None = None
 
     def show_stack(self, stack: StackDescription, frames: Mapping[str, str]) -> None:
@@ -118,6 +119,31 @@ class Scene:
             self._arrows = self._server.scene.add_arrows(
                 "/forces", np.array(arrows), _RED, shaft_radius=0.012, head_radius=0.03, head_length=0.06
             )
+
+    def show_apart(self, pairs: Sequence[str]) -> None:
+        """A rod between the nearest drawn points of two links that are kept apart, ``"torso - left_elbow"``."""
+        rods = [rod for pair in pairs if (rod := self._between(*pair.split(" - "))) is not None]
+        if self._rods is not None:
+            self._rods.remove()
+            self._rods = None
+        if rods:
+            self._rods = self._server.scene.add_line_segments(
+                "/apart", np.array(rods), _ORANGE, thickness=7.0, thickness_units="screen"
+            )
+
+    def _between(self, *links: str) -> Mat | None:
+        """Nearest points of two links ``(2, 3)``, or None if one of them is no link of the robot with a shape."""
+        clouds = []
+        for link in links:
+            name = link.partition("/")[0]  # of several capsules
+            if name not in self._robot.frame_names:
+                return None
+            body = self._robot.body(self._robot.frame(name))
+            if body not in self._drawn.vertices:
+                return None
+            _, _, _, _, _, (origin, turn) = self._robot.bodies[body]
+            clouds.append(thinned(np.vstack(self._drawn.vertices[body])) @ turn.T + origin)
+        return nearest(*clouds)
 
     def targets(self) -> Mat:
         """Places of targets, and the tips of their handles ``(k, 3)`` [m]."""

@@ -121,6 +121,7 @@ class Server:
         assert state is not None
         motion = (state.angles, np.nan_to_num(self._history.part(1)))
         account = make_account(self._stack, snapshot, self._errors, self._joints, motion, self._closing())
+        self._scene.show_apart(account.apart)
         curves = self._history.curves()
         unit = _UNITS.get(self._stack.formulation, "")
         self._overlay.content = overlay(account, curves, self._title, PANEL)
