@@ -170,7 +170,7 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     t = log["t"]
     com.plot(t, MM * np.linalg.norm(log["com"], axis=1), color=ACTUAL)
     com.axhline(10.0, color="0.3", linestyle=":", label="the paper's 1 cm")
-    com.set(ylabel="CoM error [mm]", title=title, ylim=(0.0, None))
+    com.set(ylabel="CoM error [mm]", title=title.replace(" (", "\n("), ylim=(0.0, None))
     hand.plot(t, MM * np.linalg.norm(log["hand"], axis=1), color=ACTUAL)
     hand.set_ylabel("hand error [mm]")
     posture.plot(t, np.degrees(np.linalg.norm(log["posture"], axis=1)), color=ACTUAL)
