@@ -39,7 +39,7 @@ class Doubles {
   }
   // Copy in row-major order, for any strides; false where the object is no such array.
   static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
-    const Doubles numbers(array, PyBUF_STRIDES | PyBUF_FORMAT);
+    Doubles numbers(array, PyBUF_STRIDES | PyBUF_FORMAT);  // Python 3.10 takes no const Py_buffer
     return numbers.data() && numbers.has(shape, dimensions) &&
            PyBuffer_ToContiguous(to, &numbers.view_, numbers.view_.len, 'C') == 0;
   }
