@@ -150,7 +150,7 @@ def under_limits(robot: Robot, count: int) -> list[Check]:
             gaps.append(verdict.gap)
             violation.append(largest(answer.residuals[0]))
             levels.append(largest(answer.norms - other.norms) / (1.0 + largest(other.norms)))
-        note = f"{unsolved} of {len(beyond)} not solved, status says so" if unsolved else _by_itself(solver, beyond[:5])
+        note = f"{unsolved} of {len(beyond)} not solved, by status" if unsolved else _by_itself(solver, beyond[:5])
         checks += [
             exactly("limits active", f"`{key}`: answers called solved that the certificate refuses", name, 0, [silent]),
             at_most("limits active", f"`{key}`: certificate gap", name, 1e-6, gaps, note),

@@ -57,10 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--runs", type=int, default=None, metavar="N", help="a cell; default 300 of promised cells, else 30"
     )
-    group.add_argument("--seed", type=int, default=0, metavar="S", help="of what differs between runs, default 0")
+    group.add_argument("--seed", type=int, default=0, metavar="S", help="of the variations between runs, default 0")
     group.add_argument("--kept", type=Path, default=None, metavar="DIR", help="folder of the runs, to resume from")
     group.add_argument("--code", default="", metavar="TEXT", help="version of the code; default: a hash of the sources")
-    group.add_argument("--show", action="store_true", help="run nothing: the table of what --kept holds")
+    group.add_argument("--show", action="store_true", help="run nothing: show the table of the runs in --kept")
     group.add_argument(
         "--vouch", nargs="+", default=[], metavar="TEXT", help="other versions whose runs count as well: same behaviour"
     )

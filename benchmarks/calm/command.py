@@ -21,8 +21,8 @@ QUICK = ("scenes", "continuity", "straight")
 
 PAGE = Path(__file__).parents[2] / "docs" / "results" / "calm.md"
 HEAD = (
-    "# Calm: results\n\nWritten by `python -m benchmarks calm --page`; [calm](../calm.md) says what is measured and "
-    "why.\n"
+    "# Calm: results\n\nWritten by `python -m benchmarks calm --page`; [calm](../calm.md) defines the measures and "
+    "their reasons.\n"
 )
 
 

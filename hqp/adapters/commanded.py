@@ -13,7 +13,7 @@ class Commanded:
     """Angles and rates of driven joints, integrated from commands.
 
     The base is measured, joints are as commanded: the lag of servos is no error of the stack.
-    places, columns: of the driven joints in q and v.  order: 1 for commands that are velocities, 2 for accelerations.
+    places, columns: indices of the driven joints in q and v.  order: 1 for velocity commands, 2 for accelerations.
     """
 
     def __init__(self, count: int, places: Any, columns: Any, order: int, dt: float) -> None:

@@ -22,7 +22,7 @@ PERIOD = 0.02
 """Step within a call of ``inverse_kinematics`` [s]."""
 
 RETURN = 0.5
-"""A joint measured outside its limits comes back by as much in a call, if the pose does not ask for more [deg]."""
+"""Return per call of a joint measured outside its limits, unless the pose needs more [deg]."""
 
 
 class RobotKinematics:
@@ -92,7 +92,7 @@ class RobotKinematics:
         """Joint positions [deg] for a pose ``(4, 4)``, from the current ones; further entries are handed through.
 
         The orientation is met as well as the position allows; with ``orientation_weight`` 0 it is left free.  A joint
-        that is outside its limits returns by half a degree in a call, more if the pose asks for it.  Raises
+        that is outside its limits returns by half a degree in a call, more if the pose needs it.  Raises
         DeclarationError for too few positions.  position_weight: taken for LeRobot's sake, the order is strict.
         """
         current = np.asarray(current_joint_pos, dtype=np.float64)

@@ -155,7 +155,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             )
 
     def _servos(self, commands: Mat, worlds: Any) -> Mat:
-        """Carry out commands in these worlds; return what their servos are sent."""
+        """Carry out commands in these worlds; return the targets sent to their servos."""
         assert self._commanded is not None
         assert self._plant.servo is not None
         self._commanded.take(commands, worlds)

@@ -100,7 +100,7 @@ class Element(ABC):
         """Number of rows on that robot; raises ModelError for names it does not have."""
 
     def remark(self, robot: Robot) -> str:
-        """What a session warns of and notes in its first tick about the element on this robot, "" for nothing."""
+        """Text of a session's warning and first note about the element on this robot, or ""."""
         return ""
 
     def selection(self, robot: Robot) -> Index | None:
@@ -113,7 +113,7 @@ class Element(ABC):
 
     @property
     def declares_hold(self) -> bool:
-        """True if ``hold`` gives a declared value, whatever the state."""
+        """True if ``hold`` gives a declared value at any state."""
         return False
 
     def off(self) -> Reference:

@@ -1,4 +1,4 @@
-"""Fingerprint of a robot, to tell whether a plan was written for the robot that is to move."""
+"""Fingerprint of a robot, to detect a plan of another robot."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from hqp.errors import DeclarationError
 class RateObserver:
     """Rates of joints without their noise and without the lag of a low-pass filter, a Luenberger observer.
 
-    The rate that the last command leads to is corrected by a share of what is measured,
+    A share of the measured rate corrects the rate predicted from the last command,
 
         v = v+ + (1 - exp(-bandwidth period)) (v_measured - v+),    v+ = v + period qdd(tau),
 

@@ -179,7 +179,7 @@ def dynamics(rng: Generator) -> Hierarchy:
 
 @family
 def rows_of_rounding(rng: Generator) -> Hierarchy:
-    """Rows that only rounding keeps from zero, as of a frame that no joint moves in some direction, asked to move."""
+    """Rows that are zero up to rounding, with nonzero targets, as of a frame that no joint moves in some direction."""
     n = 6
     A = rng.normal(size=(4, n))
     A[rng.integers(0, 4)] = 3e-16 * rng.normal(size=n)

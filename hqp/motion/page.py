@@ -66,14 +66,14 @@ def _figures(motion: Retargeted) -> str:
 def _shortfalls(motion: Retargeted) -> str:
     if not motion.shortfalls:
         met = "No hand and no foot was more than 50 mm off, trunk and soles were within 45 degrees."
-        return f"<h2>What was not met</h2><p>{met}</p>"
+        return f"<h2>Unmet targets</h2><p>{met}</p>"
     rows = "".join(
         f"<tr><td>{escape(s.part)}</td><td>{s.first / motion.fps:.2f} to {s.last / motion.fps:.2f} s</td>"
         f"<td>{s.by}</td><td>{escape(s.reason)}</td></tr>"
         for s in motion.shortfalls
     )
-    head = "<tr><th>part</th><th>when</th><th>most</th><th>gave way to</th></tr>"
-    return f"<h2>What was not met</h2><table>{head}{rows}</table>"
+    head = "<tr><th>part</th><th>when</th><th>most</th><th>cause</th></tr>"
+    return f"<h2>Unmet targets</h2><table>{head}{rows}</table>"
 
 
 def _gave_way(motion: Retargeted) -> str:
@@ -86,9 +86,9 @@ def _gave_way(motion: Retargeted) -> str:
             rows += f"<tr><td>{part}</td><td>{escape(name)}</td><td>{then.sum() / motion.fps:.2f} s</td>"
             rows += f"<td>{MILLI * error[then].max():.0f} mm</td></tr>"
     if not rows:
-        return "<h2>Who gave way to whom</h2><p>No hand and no toe was more than 5 mm off.</p>"
-    head = "<tr><th>part</th><th>gave way to</th><th>for</th><th>most</th></tr>"
-    return f"<h2>Who gave way to whom</h2><p>Hands and toes that are more than 5 mm off.</p><table>{head}{rows}</table>"
+        return "<h2>Causes of deviations</h2><p>No hand and no toe was more than 5 mm off.</p>"
+    head = "<tr><th>part</th><th>cause</th><th>for</th><th>most</th></tr>"
+    return f"<h2>Causes of deviations</h2><p>Hands and toes that are more than 5 mm off.</p><table>{head}{rows}</table>"
 
 
 def _worst(graphs: Any, motion: Retargeted) -> Iterator[str]:

@@ -158,7 +158,7 @@ def _check_backend(solver: str, backend: str) -> None:
 
 
 def _missing(backend: str) -> str:
-    """The pip line for what a back end lacks, "" for nothing."""
+    """The pip line for a back end's missing packages, "" if it has all."""
     needed = [_PACKAGES.get(backend, backend), *(() if backend in _ALONE else ("qpsolvers",))] if backend else []
     lacking = [package for package in needed if importlib.util.find_spec(package) is None]
     if not lacking:

@@ -37,7 +37,7 @@ class LevelsSolution(NamedTuple):
 
     @property
     def solved(self) -> bool | NDArray[np.bool_]:
-        """True if x is the optimum; of stacked problems a mask ``(N,)``."""
+        """True if x is the optimum; a mask ``(N,)`` for stacked problems."""
         if isinstance(self.status, tuple):
             return np.array([status.solved for status in self.status], dtype=bool)
         return self.status.solved
@@ -53,7 +53,7 @@ def solve_levels(
 
     Level k minimises ||w_k|| with ``lower_k <= A_k x - w_k <= upper_k`` among the optima of the levels before it; x is
     the optimum of least norm.  levels: ``(A, b)`` or ``(A, lower, upper)`` each, the most important first; A ``(m, n)``
-    and b ``(m,)``, or stacked ``(N, m, n)`` and ``(N, m)``; what is not stacked is shared by all N.  bounds: hard
+    and b ``(m,)``, or stacked ``(N, m, n)`` and ``(N, m)``; all N share arrays that are not stacked.  bounds: hard
     ``(lower, upper)`` on x, ``(n,)``, scalars or ``(N, n)``.  threads: of stacked problems, by default all that the
     process may use.  torch tensors on the CPU are read in place through DLPack, and x and residuals are then tensors.
 
@@ -135,7 +135,7 @@ class _Prepared:
 
 
 def _prepared(n: int, rows: tuple[int, ...], bounded: bool) -> _Prepared:
-    """What this thread keeps for a shape, made anew for a shape that is not among its latest."""
+    """This thread's workspace of a shape; it keeps those of the latest shapes."""
     kept: dict[Any, _Prepared] = _local.__dict__.setdefault("kept", {})
     found = kept.pop((n, rows, bounded), None)
     if found is None:

@@ -1,7 +1,7 @@
 """Sweeps: one function at many cases, on this machine or on a cluster, that can be stopped and resumed.
 
 sweep = hqp.sweep.load("cases.toml")            # function, fixed parameters, grid
-hqp.sweep.run(sweep, "runs/", on="local")       # the same call again does what is missing
+hqp.sweep.run(sweep, "runs/", on="local")       # repeat the call to compute missing cases
 table = hqp.sweep.read("runs/")                 # a pyarrow.Table, one row a case
 
 Needs ``hqp[sweep]`` (pyarrow, and Ray for more than one process); without Ray it runs in this process.

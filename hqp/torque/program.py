@@ -47,7 +47,7 @@ class Torque(Formulation):
     freedom.
 
     law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of contacts; none by
-    default, for ground does not move on request.  loop_law: the same of constraints between joints or frames of the
+    default, for ground does not move on request.  loop_law: feedback of constraints between joints or frames of the
     robot (``JointCoupling``, ``Weld``), whose error its own joints correct.  gravity_compensation: min |tau - tau_g|
     in phi* resolves the remaining freedom instead (eq. 27), tau_g the torque that holds the robot: it floats rather
     than falls; wheels then hold a robot on a slope whose goals all move with it.  effort_limits: a stack that bounds

@@ -219,7 +219,7 @@ class View:
         if not is_loopback(self._doors.host):
             warnings.warn(NETWORK, NetworkWarning, stacklevel=4)
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        # the same hqp, regardless of the current folder: with -m Python looks in the current folder first
+        # this hqp from any folder: with -m Python looks in the current folder first
         program = f"import sys; sys.path[:] = {sys.path!r}; from hqp.viewer import server; sys.exit(server.main())"
         self._server = subprocess.Popen(
             [sys.executable, "-c", program],

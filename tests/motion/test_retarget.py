@@ -223,8 +223,8 @@ def test_the_report_page(walked: Retargeted, tmp_path: Path) -> None:
     pytest.importorskip("plotly")
     page = walked.html(tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Slide of standing feet" in page
-    assert "What was not met" in page
-    assert "Who gave way to whom" in page
+    assert "Unmet targets" in page
+    assert "Causes of deviations" in page
     assert "Worst hand" in page
     assert "Worst toe" in page
     assert page.count("plotly.js v") == 1
