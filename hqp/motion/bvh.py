@@ -175,7 +175,7 @@ def _placed(joints: list[_Joint], numbers: Mat, fps: float) -> Motion:
 
 
 def _rate(written: str) -> float:
-    """Frames a second: the whole or video rate whose period has the digits that are written, else their inverse.
+    """Frames per second: the whole or video rate with the written digits of the period, else the period's inverse.
 
     ``0.008333`` is 120, ``0.033367`` 30000 / 1001, ``0.03`` fits 33 and 34 and stays 1 / 0.03.
     """

@@ -37,8 +37,8 @@ class Plane(NamedTuple):
 class Hold:
     """The motion that takes a foot's target to where it stands; after a foot leaves, its remaining offset.
 
-    frames: in so many it fades.  end: support of the held foot, 1 the toe, -1 the heel, 0 for a foot in the air.  spot:
-    its place ``(2,)`` [m].
+    frames: number of frames of its fade.  end: support of the held foot, 1 the toe, -1 the heel, 0 for a foot in the
+    air.  spot: its place ``(2,)`` [m].
     """
 
     def __init__(self, frames: float) -> None:
@@ -47,7 +47,7 @@ class Hold:
         self.plane: Plane | None = None
 
     def lower(self, toe: float, heel: float) -> int:
-        """The end that is to be held, of a foot whose ends are so high [m]: the lower one, the toe of a flat one."""
+        """End to hold, from the heights of a foot's ends [m]: the lower one, or the toe of a flat foot."""
         if abs(toe - heel) < ALIKE:
             return self.end or 1
         return -1 if heel < toe else 1

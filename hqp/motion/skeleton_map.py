@@ -110,7 +110,7 @@ def parse(text: str, name: str = "map") -> SkeletonMap:
 
 
 def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMap:
-    """A map as given, of a file, of a name, or for None the first of those shipped that fits the robot.
+    """A map as given, from a file, by name, or for None the first shipped one that fits the robot.
 
     Raises DeclarationError where none does, FrameNotFound for one that does not fit.
     """

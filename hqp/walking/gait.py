@@ -22,7 +22,7 @@ class Gait:
 
     single, double: duration of single and of double support [s].  first: duration of the shift to the first stance
     foot, and of the one back between the feet [s].  height: clearance of a swing foot above the higher of lift-off and
-    ground [m].  search: speed with which a foot that did not find the ground in time goes on downwards [m/s], for
+    ground [m].  search: downward speed of a foot without contact at its landing time [m/s], for
     ``patience`` [s].  lower: distance of the CoM below its height at home, as a share of that, which keeps knees bent;
     less where joints would bear too much (``standing``).  Raises DeclarationError for numbers that are not positive and
     finite (double, height, lower: not negative).

@@ -28,7 +28,7 @@ class WarmSets {
     CarryOver in = CarryOver::from(states_[to]);
     solver.keep(in);
   }
-  // Takes the memory of all sets of so many elements that are kept; the solver is new.
+  // Allocate all kept sets of `elements` elements for a new solver.
   template <class Solver>
   void make_room(Solver& solver, std::size_t elements) {
     sets_.assign(kMost, Out(elements));

@@ -37,7 +37,7 @@ struct Barrier {
 struct Numbers {  // buffers of an operation besides the rows of its element
   explicit Numbers(int m, int nv)
       : J(static_cast<std::size_t>(m) * nv), error(m), drift(m), lower(m), upper(m), zeros(m) {}
-  // J: destination of the rows, its own for null. reference: null for zero, else of so many numbers.
+  // J: destination of the rows, null for its own. reference: null for zero, else `given` numbers.
   Target target(double* rows, const double* reference, std::size_t given, double weight, int nv, bool moving) {
     return {rows ? rows : J.data(),
             error.data(),

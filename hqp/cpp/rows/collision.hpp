@@ -86,7 +86,7 @@ class Collision final : public Operation {
   // Squared sines of the angle of two axes between which rows of their ends fade out; axes that are points.
   static constexpr double kAligned = 0.03, kAcross = 0.12, kShort = 0.01;
 
-  static constexpr double kHeld = 0.5;  // share of the rate at which pairs are let go while a deeper one comes out
+  static constexpr double kHeld = 0.5;  // share of the release rate of pairs while a deeper one recovers
 
   const std::array<int, 2>& pair_of(int row) const { return s_.pairs[row % count_]; }
   bool is_link(int k) const { return k < static_cast<int>(s_.links.size()); }

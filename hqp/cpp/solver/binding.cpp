@@ -192,8 +192,8 @@ class Workspace final : public hqp::SolveCall {
     return core_.describe(sized(x, n_), sized(slack, total), sized(marks, total));
   }
 
-  // Multipliers of the latest answer, live: rows above each level, then its own; none of stages whose exact levels have
-  // none, None where they are not at hand.
+  // Multipliers of the latest answer, live: rows above each level, then its own; empty for stages without exact
+  // multipliers, None if they are not available.
   nb::object tell() {
     const Lock lock(busy_);
     hqp::BoundKernel* const teller = bound_ ? core_.teller() : nullptr;

@@ -23,7 +23,7 @@ struct Start {
     arena.place(slack, blocks);
   }
 
-  // Another point, with the set at hand.
+  // Set another point and keep the working set.
   void set_to(SearchState& state, const double* from) {
     const Table& table = state.problem.table;
     for (int i = 0; i < table.n; ++i) x[i] = table.inside_box(i, from[i]);

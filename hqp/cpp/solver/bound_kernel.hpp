@@ -40,7 +40,7 @@ class BoundKernel {
   // Seconds for the next solves, none if zero.
   void limit(double seconds) { options.time_limit = seconds; }
 
-  // Multipliers of the latest answer into multipliers(), false where they are not at hand.
+  // Write multipliers of the latest answer into multipliers(); false if they are not available.
   bool tell() {
     Answer answer;
     answer.slack = numbers_.data() + n_;

@@ -11,7 +11,7 @@ constexpr int kChanges = 24;  // most changes between factorisations
 struct Changes {
   bool known = false;  // nothing else changed
   int joined = 0, left = 0;
-  int front = -1;      // level for whose sake something left, -1 if nothing did
+  int front = -1;      // level that caused a row to leave, -1 without leaving rows
   int join[kChanges];  // row of the table, or rows + variable
   std::int8_t side[kChanges];
   int leave[kChanges];  // variables

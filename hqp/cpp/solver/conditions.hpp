@@ -36,11 +36,11 @@ struct Conditions {
   std::int8_t* side = nullptr;   // (all,) at which an open row is active, 0 if it is not
   std::int8_t* held = nullptr;   // (all,) at which a row held a level back, 0 if at none
   int* open = nullptr;           // (open_count,) rows that are open, or were
-  int* id = nullptr;             // (active,) active rows of the level at hand, the columns
+  int* id = nullptr;             // (active,) active rows of the present level, the columns
   int open_count = 0, active = 0;
   NullSpace null_space;             // null space of the rows fixed so far
-  NonnegativeLeastSquares columns;  // the multipliers of the level at hand
-  RowSortedLeastSquares face;       // the level at hand on a face
+  NonnegativeLeastSquares columns;  // the multipliers of the present level
+  RowSortedLeastSquares face;       // the present level on a face
   int* order = nullptr;             // (rows of a level,) its rows, the longest first
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
@@ -231,7 +231,7 @@ struct Conditions {
   // Slack of row r of level k plus the magnitudes of its terms.
   double extent(int k, int r) const { return std::fabs(w[r - table->block[k].begin]) + terms[n + r]; }
 
-  // Rows that may hold the level at hand back: open rows, formerly open rows, and its own at a bound if it is graded.
+  // Rows that may hold the present level back: open rows, formerly open rows, and its own at a bound if it is graded.
   int candidates() const { return open_count + own_count_; }
   int candidate(int a) const { return a < open_count ? open[a] : own_[a - open_count]; }
 

@@ -12,7 +12,7 @@ static inline double now() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-// A look costs 25 ns: every loop whose turns take longer than 10 us looks, so that none ends much later.
+// A check takes 25 ns: every loop with iterations longer than 10 us checks, so that none ends much later.
 class Deadline {
  public:
   // seconds: from now, none for 0.

@@ -10,7 +10,7 @@ class Kernel {
  public:
   virtual ~Kernel() = default;
   virtual void solve(const Problem& problem, const Options& options, Answer& answer) = 0;
-  // Multipliers of the latest answer into answer.multipliers; false where its working set is not at hand any more.
+  // Write multipliers of the latest answer into answer.multipliers; false if its working set is gone.
   virtual bool tell(const Problem& problem, Answer& answer) = 0;
   virtual void keep(CarryOver& warm) = 0;  // the warm start
   virtual void reset(bool plain) = 0;      // forget the warm start; plain: the next search factorises every working set

@@ -44,9 +44,9 @@ class LevelSearch {
  private:
   static constexpr int kPasses = 4;         // over all levels
   static constexpr int kTurns = 400;        // non-negative least squares a level
-  static constexpr int kIdle = 3;           // steps without progress that end a level whose gap passes,
-  static constexpr int kLast = 16;          // and so many any level
-  static constexpr double kGain = 1e-10;    // of ||w_k||: progress
+  static constexpr int kIdle = 3;           // steps without progress that end a level with a passing gap
+  static constexpr int kLast = 16;          // steps without progress that end any level
+  static constexpr double kGain = 1e-10;    // least progress, relative to ||w_k||
   static constexpr double kStill = 1e-14;   // of ||w_k||: rounding
   static constexpr int kSolves = 20;        // times variables and rows, of one search
   static constexpr double kGoal = 1e-12;    // gap of a level that is not worth lowering

@@ -13,7 +13,7 @@ class Levels {
 
   static constexpr double kBias = 3.0;    // bias of pivots towards variables outside the last selection
   static constexpr double kSound = 1e-6;  // pivots of a reduction are no shorter, relative to the level's longest row
-  static constexpr int kWorth = 6;        // a reduction eliminates at least one variable in so many
+  static constexpr int kWorth = 6;        // a reduction eliminates at least 1/kWorth of the variables
 
   // Solve for the working set: W marks rows of the table, F variables held at a bound.
   void factorise(const std::int8_t* W, const std::int8_t* F) {
@@ -70,7 +70,7 @@ class Levels {
   }
 
  private:
-  // Nothing but the held variables, and those of the reduction, is decided; null: no variable is held.
+  // Start with the held variables and those of the reduction decided; null: no variable is held.
   void begin(const std::int8_t* F) {
     t_.basic = t_.rest = t_.gram_free = t_.extras = t_.newcomers = 0;
     t_.gram_level = -1;

@@ -1,4 +1,4 @@
-// Shared state of the phases of a search: the equality problem at hand, its multipliers and violations, and the point.
+// Shared state of the phases of a search: the present equality problem, its multipliers and violations, and the point.
 #pragma once
 
 #include "deadline.hpp"

@@ -35,7 +35,7 @@ struct Extra {
   int level;           // in front of which it stands
   double coefficient;  // coefficient of the pivot in the reduced row
   double* column;      // (before,)
-  double lambda;       // its multiplier in the sweep at hand
+  double lambda;       // its multiplier in the present sweep
 };
 
 // A row that was met, or a variable that was held, since the factorisation.

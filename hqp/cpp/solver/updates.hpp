@@ -86,7 +86,7 @@ class Updates {
     return true;
   }
 
-  // Let go of a held variable; false where a level above gram_level would notice, or the variable is a basic one.
+  // Release a held variable; false if it changes a level above gram_level, or is a basic variable.
   bool let_go(int variable) {
     if (t_.place[variable] != Tableau::kNowhere || !respond(variable)) return false;
     const int before = lanes(t_.gram_free + 1), width = lanes(t_.gram_free + 2);

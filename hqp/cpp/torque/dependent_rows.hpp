@@ -11,7 +11,7 @@ inline namespace HQP_ISA {
 // Forces are those of least norm, lambda = S T^-1 (...): least among all forces with equal effect.
 class DependentRows {
  public:
-  // For so many at most, so that nothing is allocated later.
+  // Allocate for up to n variables and m constraints, so that nothing is allocated later.
   void reserve(std::size_t n, std::size_t m) {
     for (auto* part : {&B_, &U_}) part->reserve(n * m);
     for (auto* part : {&W_, &T_, &S_}) part->reserve(m * m);

@@ -273,7 +273,7 @@ class SparseElimination final : public Elimination {
     }
   }
 
-  // Reflection k of a block of so many columns whose row k begins at `top`, rows as far apart as those of R.
+  // Apply reflection k to a block of `columns` columns; its row k begins at `top`, and R sets the row stride.
   void turn(double* top, int k, int columns) {
     std::copy(top, top + columns, work_.begin());
     add_rows(work_.data(), top + m_, m_, count_ - k - 1, 1.0, R(k + 1) + k, m_, columns);
