@@ -69,7 +69,7 @@ def plates(targets: Targets) -> list[Any]:
 class Tracking:
     """The robot in MuJoCo and the clip that it follows.
 
-    Feet stand when the clip's contacts say so and they bear load.  The DCM and the ZMP of the clip, below 6 Hz, lead
+    A foot stands if the clip has its contact and it bears load.  The DCM and the ZMP of the clip, below 6 Hz, lead
     the balance; swing feet, the height of the CoM, the trunk's axes and the joints of the rest are the clip's own.
     """
 
@@ -170,7 +170,7 @@ class Tracking:
         return self.session.step(state, *found, phase=self.phase)
 
     def _stand(self, i: int, loads: Any) -> None:
-        """Set the standing feet: those of the clip's contacts from the time they bear load."""
+        """Set the standing feet: feet in contact in the clip, once they bear load."""
         for side in (0, 1):
             asked = bool(self.rests[side][i])
             touched = self.down[side] or float(loads[side]) > -TOUCH * self.robot.mass * self.robot.gravity[2]

@@ -1,6 +1,6 @@
 """Stored poses for a library that solves for one chain: run by the interpreter of its environment.
 
-Prints JSON: version, and of each pose the CPU time [s], whether the library says that it found one, the configuration.
+Prints JSON: version, and for each pose the CPU time [s], the library's report of success, the configuration.
 """
 
 import json
@@ -15,7 +15,7 @@ import numpy as np
 def run(package, make):
     """Solve the poses of the file named on the command line.
 
-    make(urdf, base, tip, limits): a function of a pose ``(4, 4)`` and a start, which gives a configuration or None.
+    make(urdf, base, tip, limits): function from a pose ``(4, 4)`` and a start to a configuration or None.
     """
     data = np.load(sys.argv[1])
     source, tip, joints = str(data["source"]), str(data["frames"][0]), data["joints"].tolist()

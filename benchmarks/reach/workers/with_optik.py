@@ -6,7 +6,7 @@ from chain import run
 
 
 def make(source, base, tip, limits):
-    """Its inverse kinematics with tolerances of its own."""
+    """OptIK's inverse kinematics with its default tolerances."""
     robot = optik.Robot.from_urdf_file(source, base, tip)
     robot.set_parallelism(1)
     config = optik.SolverConfig(max_time=1.0, max_restarts=50)

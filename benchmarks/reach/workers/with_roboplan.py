@@ -1,7 +1,7 @@
-"""roboplan's SimpleIk on stored poses; run by the interpreter that has it: ``python with_roboplan.py POSES.npz``.
+"""roboplan's SimpleIk on stored poses, by the interpreter of its environment: ``python with_roboplan.py POSES.npz``.
 
-Collisions are not checked, meshes and mimic joints not read; options as they come but for 50 restarts within a second.
-Prints JSON: version, and of each pose the time [s], whether it says that it found one, and the configuration.
+It checks no collisions and reads no meshes or mimic joints; default options except for 50 restarts within a second.
+Prints JSON: version, and for each pose the time [s], the library's report of success, the configuration.
 """
 
 import json

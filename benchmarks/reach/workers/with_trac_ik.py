@@ -1,13 +1,13 @@
-"""TRAC-IK on stored poses, up to a second each; its two solvers run in threads of their own, whose time counts."""
+"""TRAC-IK on stored poses, up to 1 s each; the CPU time includes the threads of its two solvers."""
 
 from chain import run
 from trac_ik import TracIK
 
 
 def make(source, base, tip, limits):
-    """Its inverse kinematics as it comes, but for time and limits."""
+    """TRAC-IK's inverse kinematics with default options except for time and limits."""
     solver = TracIK(base, tip, source, timeout=1.0)
-    solver.joint_limits = limits  # soft limits that a URDF leaves out are 0 to it
+    solver.joint_limits = limits  # TRAC-IK reads missing soft limits of a URDF as 0
     return lambda pose, start: solver.ik(pose[:3, 3], pose[:3, :3], start)
 
 

@@ -22,7 +22,7 @@ class Snapshots {
   using Bytes = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
   using Ring = nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-  // parts: bytes with their offsets in a snapshot; size: of a snapshot.
+  // parts: bytes with their offsets in a snapshot; size: bytes of a snapshot.
   Snapshots(const std::vector<std::tuple<Bytes, std::size_t>>& parts, const Ring& ring, std::size_t size)
       : ring_(ring), to_(ring.data()), size_(size), count_(size ? ring.size() / size : 0) {
     for (const auto& [bytes, begin] : parts) {
