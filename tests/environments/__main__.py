@@ -148,7 +148,7 @@ def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dic
 
 def linked(python: Path, plan: Path, built: Path) -> str:
     """Build the example on the installed package's libraries: its joints end where those of Python's loop end."""
-    hqp_dir = run(python, "-m", "hqp", "--cmake-dir").strip()
+    hqp_dir = run(python, "-m", "hqp", "--cmake-dir", cwd=plan.parent).strip()
     run("cmake", "-S", ROOT / "examples" / "cpp", "-B", built, f"-Dhqp_DIR={hqp_dir}")
     run("cmake", "--build", built, "--target", "follow", "follow_shared")
     wanted = [float(angle) for angle in plan.with_suffix(".txt").read_text().split()]
