@@ -40,7 +40,8 @@ class Easing final : public SolveCall {
  public:
   static constexpr double kExponent = 0.75;  // p: at 1 nothing is blended, and what two stacks decide differently jumps
 
-  Easing(Line& line, const Eased& eased) : n_(std::size_t(line.size())), second_(eased.second), next_(line.solver()) {
+  Easing(const Line& line, const Eased& eased)
+      : n_(std::size_t(line.size())), second_(eased.second), next_(line.solver()) {
     whole_ = true, stands_ = !eased.second;
     for (std::size_t k = 0; k < eased.names.size(); ++k) {
       const std::vector<Member>& members = line.members();

@@ -135,7 +135,7 @@ const std::vector<double>& Reference::held() const { return static_cast<const St
 const std::string& Reference::name() const { return session_->names()[element_]; }
 
 Session::Session(std::shared_ptr<const Plan> plan)
-    : stacks_(std::make_unique<Stacks>(plan)), fingerprint_(plan->fingerprint()) {}
+    : stacks_(Stacks::made(plan)), fingerprint_(plan->fingerprint()) {}
 Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;

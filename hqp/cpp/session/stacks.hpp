@@ -19,6 +19,15 @@ class Stacks {
   static constexpr int kDeepest = 3;  // transitions that may be under way at a time
 
   // Throws PlanError if the plan is inconsistent.
+  static std::unique_ptr<Stacks> made(std::shared_ptr<const Plan> plan) {
+    try {
+      return std::make_unique<Stacks>(std::move(plan));
+    } catch (const PlanError&) {
+      throw;
+    } catch (const std::exception& error) {  // a part rejects its numbers, or memory is exhausted
+      throw PlanError(std::string("cannot make a session of the plan: ") + error.what());
+    }
+  }
   explicit Stacks(std::shared_ptr<const Plan> plan) : plan_(std::move(plan)) {
     const auto memory = std::make_shared<const Memory>(*plan_);
     const Node root(plan_->root(), *memory);
@@ -35,6 +44,7 @@ class Stacks {
           throw PlanError("a transition has " + std::to_string(ways_.back().through.size()) + " stacks and " +
                           std::to_string(ways_.back().way->stops.size()) + " stops: export the plan anew");
       }
+    for (const Route& route : ways_) check(route);
     for (const std::size_t k : named_)
       for (const Member& member : stacks_[k].lines[0]->line().members())
         if (member.slot >= 0 && std::find(names_.begin(), names_.end(), member.name) == names_.end())
@@ -204,6 +214,21 @@ class Stacks {
     lines.back()->first();
     if (stacks_.empty() || !name.empty()) named_.push_back(stacks_.size());
     stacks_.push_back({std::move(source), name, std::move(lines), {}});
+  }
+  // Throws PlanError unless a transition on that way can begin.
+  void check(const Route& route) const {
+    for (std::size_t k = 0; k < route.through.size(); ++k) {
+      const Guarded &one = *stacks_[std::size_t(route.through[k])].lines[0], &first = *stacks_[0].lines[0];
+      if (one.line().nq() != first.line().nq() || one.line().nv() != first.line().nv() ||
+          one.line().size() != first.line().size() || one.robot().picks != first.robot().picks)
+        throw PlanError("stacks of the plan differ in their numbers of coordinates or commands: export it anew");
+      const auto eased = [&](const Eased* rows, std::size_t before) {
+        const std::size_t at = std::size_t(rows && rows->second ? route.through[k] : route.through[before]);
+        if (rows) Easing(stacks_[at].lines[0]->line(), *rows);
+      };
+      if (k > 0) eased(route.way->stops[k].eased.get(), k - 1);
+      if (k + 1 == route.through.size() && route.way->direct) eased(route.way->direct->eased.get(), 0);
+    }
   }
   // Forget the transitions that have ended; their ticks stay until the next step.
   void tidy() {
