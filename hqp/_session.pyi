@@ -123,7 +123,7 @@ class Live:
     def step(
         self, q: Vec, v: Vec, time: float | None, now: float, angles: Vec | None, fault: str | None
     ) -> bytearray | tuple[bytearray, int, int, list[tuple[str, int, str]], int]:
-        """Run a tick and return its record (``hqp.loop.record``); unless plainly optimal, also status, ticks held,
+        """Run a tick and return its record (``hqp.loop.tick``); unless plainly optimal, also status, ticks held,
         notes, and the number of notes that do not concern limits of joints.
 
         time, now: measurement time of the state, None if unknown, and time of the tick [s].  angles: angles of q if
@@ -159,7 +159,7 @@ class Transition:
         under_way: Transition | None,
         owner: object,
     ) -> None:
-        """sessions: one for each stack on the path.  way: result of ``hqp.loop.transition.way``.  under_way: transition
+        """sessions: one for each stack on the path.  way: result of ``hqp.loop.way``.  under_way: transition
         to the first session.  owner: owner of this object and the sessions; each tick calls its begins, before, after
         and sent."""
 

@@ -135,7 +135,7 @@ class Phase:
     ``Run.go``.  to: the phase that follows, the next one of the sequence by default, the first after the last.  within
     [s]: if it has not ended by then the event ``late <name>`` happens, and ``late`` follows, if given.  laws: laws of
     elements by name while it lasts, those of the stack for all others; kept as pairs.  They go over, see
-    ``hqp.loop.phase_laws``.  Raises DeclarationError for times that are not positive and finite, and no laws.
+    ``hqp.loop.presence``.  Raises DeclarationError for times that are not positive and finite, and no laws.
     """
 
     name: str

@@ -30,12 +30,13 @@ Told = tuple[int, Vec, Vec, Signs, str, list[float] | None, int, int]
 
 
 class Callbacks:
-    """What a native session calls in a tick, for the rows of one program (hqp/cpp/session/foreign.hpp).
+    """Functions that a native session calls in a tick, for the rows of one program (hqp/cpp/session/foreign.hpp).
 
-    fills: whether all rows are filled here.  writes: those of some elements.  judges: answers of the native solver
-    that are no optimum.  solution: of a solver that was asked here, in this tick.  faults: status, text and whether it
-    is left out, of elements whose rows are not usable.  holds: what elements that native code does not know are held
-    at; without: why some of these have no hold value.  here: those that are held where they are, without a reference.
+    fills: true if Python fills all rows, writes: if it writes some elements' rows, judges: if it judges answers of the
+    native solver that are no optimum.  solution: answer of a solver in Python, in this tick.  faults: status, text and
+    true if it is left out, for elements with unusable rows.  holds: hold values of elements without native code;
+    without: reasons why some of these have none.  here: elements that are held at their present place if they have no
+    reference.
     """
 
     def __init__(self, compiled: Compiled, robot: Robot, presence: Presence, holds: Mapping[str, Reference]) -> None:
@@ -68,7 +69,7 @@ class Callbacks:
 
     @property
     def attentive(self) -> bool:
-        """Whether ``begin`` is to be called with every tick."""
+        """True if every tick calls ``begin``."""
         return self.reads or self._program.kind == "torque" or not self._compiled.placed
 
     def begin(self, state: State | None, references: tuple[Reference, ...], commanded: Vec | None) -> bool:
@@ -109,7 +110,7 @@ class Callbacks:
         return self._presence.supported(frozenset(out))
 
     def go_without(self, out: Sequence[str]) -> None:
-        """These are out from now on; those that come back take fresh hold values."""
+        """Leave these elements out from now on; elements that come back take fresh hold values."""
         before, now = self._program.out, frozenset(out)
         self._program.go_without(now)
         if not self.native_solver:  # which goes on where it ended when the set was last so
@@ -271,7 +272,7 @@ class Callbacks:
 
     @np.errstate(all="ignore")
     def start(self, last: bool) -> tuple[Vec, Vec, Vec | None, Vec | None] | None:
-        """Angles and v of a state to come to rest from, this one or the last good one, and what holds it."""
+        """Angles and v of this state or the last good one, where braking begins, and the holding torque."""
         state = self.last_good if last else self.state
         if state is None:
             return None

@@ -13,15 +13,12 @@ from hqp.declare.price import Price, affordable, as_price, is_exact
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
+from hqp.loop.checks import turning, twin_of, units_of
 from hqp.loop.document import live_tree
-from hqp.loop.guards import following, motor_limits, rate_limiter
-from hqp.loop.outgoing import largest_change
-from hqp.loop.phase_laws import PhaseLaws
-from hqp.loop.presence import Presence
-from hqp.loop.record import Layout
-from hqp.loop.restless import turning, units_of
-from hqp.loop.soundness import twin_of
-from hqp.loop.transition.waypoints import Waypoint, path
+from hqp.loop.guards import following, largest_change, motor_limits, rate_limiter
+from hqp.loop.presence import PhaseLaws, Presence
+from hqp.loop.tick import Layout
+from hqp.loop.way import Waypoint, path
 from hqp.programs.assembly import kinematics
 from hqp.programs.formulation import Program
 from hqp.programs.rest import Holding
@@ -40,12 +37,12 @@ KEPT = 16
 
 @dataclass(slots=True, eq=False)
 class Compiled:
-    """A stack made ready for a robot: its program, a workspace, and what a native session is made of.
+    """A stack made ready for a robot: its program, a workspace, and the parts of a native session.
 
-    limit: how to limit the solver's time, None for not at all.  dropped: what of prices the solver and of limits the
-    robot cannot do, in words.  units: of limits of joints, by name.  holding: what holds the robot up at torque level.
-    guards: what comes in and goes out, see ``hqp.loop.document``.  call: the solver as native code runs it, None for
-    one in Python.
+    limit: function that limits the solver's time, or None.  dropped: prices that the solver and limits that the robot
+    does not support, in words.  units: of limits of joints, by name.  holding: torque that holds the robot up, at
+    torque level.  guards: limits of states and commands, see ``hqp.loop.document``.  call: the solver as native code
+    runs it, None for one in Python.
     """
 
     stack: Stack
@@ -128,11 +125,11 @@ class Compiler:
         return known
 
     def completed(self, stack: Stack) -> Stack:
-        """The stack with what controller and formulation add to it."""
+        """The stack with the elements that controller and formulation add."""
         return self._completed(stack)[0]
 
     def _completed(self, stack: Stack) -> tuple[Stack, Price | None, str, bool]:
-        """The stack, its default price, what is dropped of prices and limits, in words, and whether it is bounded."""
+        """The stack, its default price, dropped prices and limits in words, and true if it is bounded."""
         formulation = self._controller.formulation
         whole = formulation.completed(coupled(stack if self._controller.calm else undamped(stack), self._robot))
         solver = self._controller.solver

@@ -11,9 +11,11 @@ from hqp.declare.fingerprint import fingerprint
 from hqp.declare.plans import Constant
 from hqp.declare.robot import Robot, State
 from hqp.declare.safety import Braking, StateBounds
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
-from hqp.loop import phase_laws
 from hqp.loop.guards import state_bounds
+from hqp.loop.presence import phase_law_parts
+from hqp.loop.way import way_parts
 from hqp.problem import Status
 from hqp.programs.assembly import LARGEST
 from hqp.solvers.lexicographic import levels
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from hqp.declare.stack import Stack
     from hqp.loop.compiled import Compiled
     from hqp.loop.session import Session
-    from hqp.loop.transition.waypoints import Waypoint
+    from hqp.loop.way import Waypoint
     from hqp.sequence import Sequence
 
 
@@ -125,8 +127,6 @@ def document(
     writer = Writer(session, sequence)
     compiled, tree, scratch = writer.another(session.stack)
     if stacks:
-        from hqp.loop.several import several
-
         others, more = several(writer, compiled, stacks)
         return {**tree, **others}, scratch + more
     return tree, scratch
@@ -146,7 +146,7 @@ def _phases(compiled: Compiled, laws: Mapping[str, Mapping[str, Law]]) -> dict[s
     usual, known = found["phases"][0]["out"], [phase["name"] for phase in found["phases"]]
     found["phases"] += [{"name": name, "out": usual} for name in laws if name not in known]
     names = [phase["name"] for phase in found["phases"]]
-    return {**found, "laws": phase_laws.parts(compiled.program.assembly, laws, names)}
+    return {**found, "laws": phase_law_parts(compiled.program.assembly, laws, names)}
 
 
 def _robot(robot: Robot) -> dict[str, Any]:
@@ -219,3 +219,37 @@ def _element(element: Element, compiled: Compiled, home: State) -> dict[str, Any
 def assumed(element: Element) -> bool:
     """Whether every tick takes for granted that something bears the element."""
     return isinstance(element, Constraint) and element.equality and element.quantity == "motion"
+
+
+def several(writer: Writer, first: Compiled, stacks: Mapping[str, Stack]) -> tuple[dict[str, Any], list[Vec]]:
+    """The trees of these stacks and of those on the way between them, beside the first one, and their scratch arrays.
+
+    Raises DeclarationError for a name that is not a text, and the errors of ``Session.change``.
+    """
+    if wrong := [name for name in stacks if not isinstance(name, str) or not name]:
+        raise DeclarationError("export", "bad name of a stack", value=wrong[0], allowed='texts but ""')
+    named: dict[str, Stack] = {"": writer.declared(first), **stacks}
+    known: list[tuple[Stack, Compiled]] = [(named[""], first)]
+    trees: list[dict[str, Any]] = []
+    scratch: list[Vec] = []
+
+    def place(stack: Stack, name: str = "") -> int:
+        for k, (each, _) in enumerate(known):
+            if each == stack and not name:
+                return k
+        compiled, tree, more = writer.another(stack)
+        known.append((stack, compiled))
+        trees.append({**tree, "name": name})
+        scratch.extend(more)
+        return len(known) - 1
+
+    places = [0, *(place(stack, name) for name, stack in stacks.items())]
+    ways = []
+    for i, start in enumerate(places):
+        for j, end in enumerate(places):
+            before, after = known[start][1], known[end]
+            points = writer.way(before, after[0])
+            through = [start, *(place(point.stack) for point in points[1:-1]), end]
+            compiled = [known[k][1] for k in through]
+            ways.append({"from": i, "to": j, "through": through, **way_parts(points, compiled, before.robot)})
+    return {"stacks": trees, "ways": ways}, scratch

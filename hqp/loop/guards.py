@@ -1,21 +1,143 @@
-"""Guards of a session's inputs and outputs: size and age of states, rate of a command."""
+"""What a session lets in and out: one thread, references, states by size and age, rates of a command.
+
+hqp/cpp/session/outgoing.hpp has the rules.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+import sys
+from collections.abc import Callable, Iterable
+from threading import get_ident
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 
-from hqp.arrays import Mask
+from hqp.arrays import Mask, Vec
+from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.safety import RateLimits, StateBounds, positive
 from hqp.declare.stack import Stack
-from hqp.errors import DeclarationError
+from hqp.errors import ConcurrentUse, DeclarationError, UnknownReference, closest
 from hqp.programs.envelope import native
 
 if TYPE_CHECKING:
     from hqp._session import RateLimiter
+
+
+T = TypeVar("T")
+
+Turn: TypeAlias = "dict[None, int]"
+"""Thread in the session.  ``setdefault`` takes the turn, atomically, in a ``try`` whose end returns it.
+
+It holds the thread's number, so that a thread recognises its own turn if an interrupt kept it from being returned.
+"""
+
+
+def require(turn: Turn, session: object) -> None:
+    """Raise ConcurrentUse where another thread has the turn, or this one in a call of the session under way."""
+    if turn.get(None, me := get_ident()) != me:
+        raise ConcurrentUse(
+            "another thread uses this session: make one session per thread, each on its own robot.copy()"
+        )
+    outside = False
+    frame: FrameType | None = sys._getframe(2)
+    while frame is not None:
+        mine = frame.f_locals.get("self") is session
+        if mine and outside:
+            raise ConcurrentUse("a call of this session is under way: do not call the session from inside it")
+        outside, frame = outside or not mine, frame.f_back
+
+
+def alone(turn: Turn, session: object, what: Callable[[], T]) -> T:
+    """Call a function without another thread in the session, and return its result."""
+    me = get_ident()
+    if turn:
+        require(turn, session)
+    try:
+        if turn.setdefault(None, me) != me:
+            require(turn, session)
+        return what()
+    finally:
+        if turn.get(None) == me:
+            turn.clear()
+
+
+def refuse(reference: object, names: Iterable[str]) -> NoReturn:
+    """Raise DeclarationError if it is no Reference, UnknownReference if the stack lacks its element."""
+    if not isinstance(reference, Reference):
+        raise DeclarationError("step", "not a Reference", value=reference, allowed="element.at(...)")
+    near = ", ".join(closest(reference.name, names) or list(names)[:3])
+    raise UnknownReference(f"the stack has no element {reference.name!r} for this reference; closest: {near}")
+
+
+GRADUAL = RateLimits(velocity=10.0, acceleration=500.0, torque=500.0)
+"""Rate of a command in a transition and towards an unfinished answer: 0.02 rad/s, 1 rad/s^2 or 1 N m per 2 ms."""
+
+
+def largest_change(kind: str, dt: float) -> float:
+    """Largest change of each motor in a tick by ``GRADUAL`` [rad/s, rad/s^2, N m]."""
+    rate: float = getattr(GRADUAL, kind)
+    return dt * rate
+
+
+LYING = math.cos(math.radians(60.0))
+"""Cosine of the tilt from home above which a robot that stands at home is taken to lie."""
+
+FALLEN = math.cos(math.radians(150.0))
+"""Cosine of the tilt from home above which a base is taken to be upside down."""
+
+FAR = 1.0
+"""A joint that is outside its limits by more cannot be a sensor's error [rad, m]."""
+
+
+def doubts(robot: Robot, q: Any) -> tuple[str, ...]:
+    """Return sentences on an implausible state ``(nq,)``, with the likely cause; none for a plausible one.
+
+    A base is compared with the home configuration, so a robot whose home lies may lie.
+    """
+    given = np.asarray(q)
+    if given.shape != (robot.nq,) or given.dtype.kind not in "fiu" or not np.isfinite(given).all():
+        return ()  # the tick reports it
+    return (*_base(robot, given), *_joints(robot, given))
+
+
+def _base(robot: Robot, q: Vec) -> tuple[str, ...]:
+    if not robot.floating:
+        return ()
+    home = _up(robot.home[3:7])
+    tilt, swapped = float(_up(q[3:7]) @ home), float(_up(q[[4, 5, 6, 3]]) @ home)
+    if tilt > LYING:
+        return ()
+    what = "upside down" if tilt < FALLEN else "lying"
+    angle = math.degrees(math.acos(max(-1.0, tilt)))
+    cause = ", but upright with the quaternion read as w x y z: hqp takes x y z w" if swapped > LYING else ""
+    return (f"its base is {what}, {angle:.0f} degrees from home{cause}",)
+
+
+def _up(xyzw: Vec) -> Vec:
+    """The z axis ``(3,)`` of a rotation in its own terms of the world; zero for a quaternion of no length."""
+    x, y, z, w = xyzw / max(float(np.linalg.norm(xyzw)), 1e-300)
+    return np.array((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))
+
+
+def _joints(robot: Robot, q: Vec) -> tuple[str, ...]:
+    columns = np.asarray(robot.actuated)
+    places = robot.positions(columns)
+    if places is None or not columns.size:
+        return ()
+    at, low, high = q[places], robot.lower[columns], robot.upper[columns]
+    off = np.maximum(low - at, at - high)
+    if not off.max(initial=0.0) > FAR:
+        return ()
+    k = int(off.argmax())
+    turns = np.radians(at)
+    cause = "its joints in another order, or not zero where the model's are"
+    if np.abs(at).max() > 2.0 * math.pi and np.all((low - FAR <= turns) & (turns <= high + FAR)):
+        cause = "degrees, which hqp takes as rad"
+    name = robot.joint_name(int(columns[k]))
+    return (f"joint {name!r} at {at[k]:.4g} is far outside its limits {low[k]:.4g} to {high[k]:.4g}: {cause}",)
 
 
 PERIODS, DRIVE = 3.0, 0.05

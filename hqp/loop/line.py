@@ -22,11 +22,10 @@ from hqp.explanation.questions import HeldBackNotes, Teller
 from hqp.loop.callbacks import Callbacks
 from hqp.loop.compiled import Compiled
 from hqp.loop.document import assumed
-from hqp.loop.references import refuse
+from hqp.loop.guards import Turn, alone, refuse
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick
-from hqp.loop.transition.surviving import surviving_holds
-from hqp.loop.turn import Turn, alone
+from hqp.loop.way import surviving_holds
 from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import native
 
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
-    from hqp.loop.transition.transition import Transition
+    from hqp.loop.transition import Transition
 
 T = TypeVar("T")
 

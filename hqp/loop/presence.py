@@ -1,14 +1,21 @@
-"""Elements that are on in a tick: by phase, by references, and by the contacts that they depend on."""
+"""Which elements are in a tick, and their laws in a phase.
+
+An element that was out has its law at once.  hqp/cpp/rows/law_change.hpp has the rule.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hqp.declare.element import Element
+from hqp.declare.law import Law
 from hqp.errors import DeclarationError, closest
+from hqp.programs.assembly import rows_law
 
 if TYPE_CHECKING:
     from hqp.declare.stack import Stack
+    from hqp.programs.assembly import Assembly
     from hqp.programs.formulation import Program
 
 
@@ -72,3 +79,34 @@ class Presence:
         """Add dependent elements; returns the same object for equal sets."""
         found = out | {name for name, element in self._members.items() if element.goes_with(out)}
         return next((known for known in self.known.values() if known == found), found)
+
+
+class PhaseLaws:
+    """The laws of one assembly on their way to those of a phase."""
+
+    __slots__ = ("_assembly",)
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._assembly = assembly
+
+    def obey(self, laws: Mapping[str, Law], out: Container[str] | None) -> None:
+        """These laws from now on, of all other elements the declared ones; out: elements that were out of the tick
+        before, None before the first."""
+        for name, member in self._assembly.members.items():
+            if member.declared is not None and (name in laws or member.laws):
+                law = laws.get(name, member.declared)
+                self._assembly.take_law(name, law, at_once=out is None or name in out)
+
+
+def phase_law_parts(
+    assembly: Assembly, laws: Mapping[str, Mapping[str, Law]], phases: Sequence[str]
+) -> list[dict[str, Any]]:
+    """For a file: elements with laws of phases, all laws of each, the declared one first, and which holds in which."""
+    found = []
+    for name in dict.fromkeys(name for of in laws.values() for name in of):
+        member = assembly.members[name]
+        by_phase = [laws.get(phase, {}).get(name, member.declared) for phase in phases]
+        every = [law for law in dict.fromkeys((member.declared, *by_phase)) if law is not None]
+        numbers = [rows_law(law, member.part.stop - member.part.start) for law in every]
+        found.append({"name": name, "laws": numbers, "of": [every.index(law) for law in by_phase if law is not None]})
+    return found

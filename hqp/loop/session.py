@@ -19,17 +19,14 @@ from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import Note
+from hqp.loop.checks import adrift, overconstrained, rehearse, require_sound
 from hqp.loop.compiled import Compiler
 from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.document import guards
-from hqp.loop.held_base import adrift
+from hqp.loop.guards import Turn, alone, doubts, require
 from hqp.loop.line import Guards, Line
-from hqp.loop.overconstrained import overconstrained
-from hqp.loop.plausible import doubts
-from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.tick import Tick, Times
-from hqp.loop.transition.transition import change
-from hqp.loop.turn import Turn, alone, require
+from hqp.loop.transition import change
 from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import require_compiled
 from hqp.programs.formulation import Program
@@ -312,7 +309,7 @@ class Session:
     def prepare(self, stack: Stack) -> None:
         """Compile a stack, and what a transition to it passes through, so that ``change`` finds it done.
 
-        The session keeps the last few stacks that it has seen.  Raises what ``change`` raises.
+        The session keeps the last few stacks that it has seen.  Raises the errors of ``change``.
         """
         alone(self._turn, self, lambda: self._prepared(stack))
 
@@ -321,7 +318,7 @@ class Session:
             self._compiler.compile(point.stack)
 
     def compiler(self, robot: Robot) -> Compiler:
-        """What compiles the session's stacks anew on another robot of the kind."""
+        """Compiler of the session's stacks for another robot of the kind."""
         return Compiler(self.controller, robot, self.dt, self._guards)
 
     def export(
@@ -334,12 +331,12 @@ class Session:
     ) -> None:
         """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
 
-        sequence: whose phases and laws the file has as well, not its events.  key: signs the file (HMAC-SHA-256), so
-        that ``hqp.load`` with the same key refuses files that were changed or come from elsewhere.  stacks: by name,
-        to which a session of the file changes by ``change(name, over)``, and back by ``change("", over)``.  Hold
-        values, the warm start and references are none of it: a session of the file begins as a new one does.  Raises
+        sequence: the file gets its phases and laws, not its events.  key: signs the file (HMAC-SHA-256), so that
+        ``hqp.load`` with the same key refuses files that were changed or come from elsewhere.  stacks: by name; a
+        session of the file changes to them by ``change(name, over)``, and back by ``change("", over)``.  Hold values,
+        the warm start and references stay behind: a session of the file begins as a new one does.  Raises
         DeclarationError for a bad key or name, and for an element or a solver without native code, by its name
-        (docs/plan_file.md), what ``Sequence.run`` raises, and of stacks what ``change`` raises.
+        (docs/plan_file.md), and the errors of ``Sequence.run`` and of ``change``.
         """
         from hqp.loop.file import write
 
@@ -350,11 +347,11 @@ class Session:
         return self.line.explain(tick)
 
     def account(self, tick: Tick) -> TickAccount:
-        """Which element holds which back in the latest tick, in microseconds; raises HqpError for an earlier one."""
+        """Account of the elements that hold others back, for the latest tick; raises HqpError for an earlier one."""
         return self.line.account(tick)
 
     def conflict(self, tick: Tick) -> Conflict:
-        """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""
+        """Rows of ``subject_to`` that exclude each other in the latest tick; raises HqpError for an earlier one."""
         return self.line.conflict(tick)
 
     def __reduce__(self) -> NoReturn:

@@ -12,7 +12,7 @@ import hqp
 from hqp import Level, Stack
 from hqp.commands.arguments import formulation
 from hqp.declare.reference import Reference
-from hqp.loop.outgoing import largest_change
+from hqp.loop.guards import largest_change
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
 

@@ -12,7 +12,7 @@ import pytest
 import hqp
 from hqp import Level, Stack, Status
 from hqp.commands.arguments import formulation
-from hqp.loop.outgoing import largest_change
+from hqp.loop.guards import largest_change
 from hqp.loop.tick import Tick
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 

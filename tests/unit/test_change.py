@@ -15,8 +15,8 @@ from hqp.commands.arguments import formulation
 from hqp.declare.reference import Reference
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.loop import compiled
-from hqp.loop.outgoing import largest_change
-from hqp.loop.transition.waypoints import path, unloaded
+from hqp.loop.guards import largest_change
+from hqp.loop.way import path, unloaded
 from hqp.recorder import load as load_recording
 from hqp.robots import Robot
 from hqp.tasks import (

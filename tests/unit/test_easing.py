@@ -9,7 +9,7 @@ import pytest
 
 import hqp
 from hqp import Level, Stack
-from hqp.loop.transition.way import added
+from hqp.loop.way import added
 from hqp.tasks import Com, FixedContact, Position, Posture
 from tests.scenes.changes import Loop, lifted, stack
 

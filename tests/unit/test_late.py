@@ -14,7 +14,7 @@ from hqp import PD, Hierarchy, Level, Reference, Rows, Selection, Solution, Stac
 from hqp._session import Brake, ContactWatch, Outgoing
 from hqp.arrays import Mat, Vec
 from hqp.lab.measures import MOST_REVERSALS
-from hqp.loop.outgoing import largest_change
+from hqp.loop.guards import largest_change
 from hqp.problem import Motion, Stats
 from hqp.solvers.base import finish
 from hqp.solvers.lexicographic import Lexicographic

@@ -12,7 +12,7 @@ import pytest
 import hqp
 from hqp import Level, Stack
 from hqp.errors import ModelWarning
-from hqp.loop.plausible import doubts
+from hqp.loop.guards import doubts
 from hqp.tasks import JointLimits, Posture
 
 

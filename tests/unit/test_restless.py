@@ -12,7 +12,7 @@ import pytest
 import hqp
 from hqp import Level, P, Stack
 from hqp._session import LimitWatch
-from hqp.loop.restless import units_of
+from hqp.loop.checks import units_of
 from hqp.tasks import JointLimits, Position, Posture
 
 DT = 0.002

@@ -22,7 +22,7 @@ from hqp.errors import (
     UnknownReference,
     UnsupportedProblem,
 )
-from hqp.loop.soundness import rehearse
+from hqp.loop.checks import rehearse
 from hqp.robots import Robot
 from hqp.solvers.stages import StagedWorkspace
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture

@@ -260,7 +260,7 @@ class LiveSession {
   std::vector<double> next_;
 };
 
-// A transition between live sessions; `owner` (hqp/loop/transition) hears of each tick of a stack.
+// A transition between live sessions; `owner` (hqp/loop/transition.py) hears of each tick of a stack.
 class LiveTransition final : public hqp::Transition::Hooks {
  public:
   // sessions: of the stacks on the way; kept by the owner, as the transition that is under way to the first one.

@@ -1,4 +1,4 @@
-// The record of a tick: a bytearray that hqp/loop/record.py reads.
+// The record of a tick: a bytearray that hqp/loop/tick.py reads.
 #pragma once
 
 #include <algorithm>

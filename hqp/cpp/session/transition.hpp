@@ -16,7 +16,7 @@
 
 namespace hqp {
 
-// Stacks that a transition passes through: hqp/loop/transition/waypoints.py.
+// Stacks that a transition passes through: hqp/loop/way.py.
 struct Way {
   struct Stop {
     bool switches = false;                      // the reaction constraints change on the way to the next one

@@ -19,16 +19,15 @@ from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
 from hqp.explanation.notes import STATUSES, Note, Notes, added, made, of_native
 from hqp.loop.compiled import Compiled, Compiler
-from hqp.loop.references import refuse
+from hqp.loop.guards import refuse
 from hqp.loop.tick import Tick
-from hqp.loop.transition.surviving import surviving_holds
-from hqp.loop.transition.way import way_parts
-from hqp.loop.transition.waypoints import Waypoint
+from hqp.loop.way import Waypoint, surviving_holds, way_parts
 from hqp.programs.envelope import native
 
 if TYPE_CHECKING:
     from hqp import _session
     from hqp.loop.line import Line
+
 
 DEEPEST = 3
 """Transitions that may be under way at a time."""

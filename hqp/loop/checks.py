@@ -1,17 +1,193 @@
-"""Find constraints that hold more than joints can follow: dependent rows where they are met, loops that cannot move."""
+"""Checks of a stack on a robot before the loop: soundness, what holds the base, constraints that exclude each other."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from threading import Lock
 from typing import Any
+from weakref import WeakKeyDictionary, WeakSet
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec, rank
+from hqp.arrays import Index, Mask, Mat, Vec, rank
+from hqp.declare.price import Price
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
-from hqp.loop.soundness import twin_of
+from hqp.errors import DynamicsFailed, HqpError, ModelError
+from hqp.programs.assembly import OWN
+from hqp.programs.formulation import Formulation, Program
 from hqp.tasks import Ball, Hinge, Weld
+
+
+def turning(robot: Robot) -> Mask:
+    """Mask ``(nv,)`` of the coordinates that turn; the others slide."""
+    with twin_of(robot) as twin:
+        twin.state(twin.home).kinematics()
+        found: Mask = (twin.joint_twists[3:] != 0.0).any(axis=0)
+    return found
+
+
+def units_of(program: Program, robot: Robot) -> dict[str, list[str]]:
+    """Unit of each row's joint, by the name of elements with rows that limit joints."""
+    found: dict[str, list[str]] = {}
+    turns = turning(robot)
+    for name, place in program.places.items():
+        element = place.element
+        picked = None if element.equality else element.selection(robot)
+        if picked is not None and len(element.row_names(robot)) == place.part.stop - place.part.start:
+            found[name] = ["rad" if turn else "m" for turn in turns[picked].tolist()]
+    return found
+
+
+POSES = 3
+"""Poses of the rehearsal: home, and some around it, for an element may be singular at one."""
+
+_SOUND: WeakSet[Robot] = WeakSet()
+"""Robots with checked numbers."""
+
+_TWINS: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+"""Copies of robots for the rehearsal of stacks: elements compute data of a robot once for all of them."""
+
+_TURN = Lock()
+"""Lock on the use of twins."""
+
+
+def require_sound(robot: Robot) -> None:
+    """Raise ModelError, naming the joint, for limits, masses or placements that are no numbers, or negative masses."""
+    if robot in _SOUND:
+        return
+    for what, values in (
+        ("lower limit", robot.lower),
+        ("upper limit", robot.upper),
+        ("velocity limit", robot.velocity_limit),
+        ("effort limit", robot.effort_limit),
+    ):
+        wrong = np.isnan(values)
+        if wrong.any():
+            raise ModelError(f"{robot.name}, joint {robot.joint_name(int(wrong.argmax()))}: its {what} is NaN")
+    if not np.isfinite(robot.home).all():
+        raise ModelError(f"{robot.name}: the home configuration is not finite, given {robot.home}")
+    twin = robot.copy()
+    twin.state(twin.home).kinematics()
+    for _, first, count, mass, centre, (position, rotation) in twin.bodies:
+        if not count:
+            continue
+        name = f"{robot.name}, joint {robot.joint_name(first)}"
+        if not 0.0 <= mass < np.inf or not np.isfinite(centre).all():
+            raise ModelError(
+                f"{name}: its body has mass {mass:g} kg and centre of mass {centre} m; allowed: finite, mass 0 or above"
+            )
+        if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
+            raise ModelError(f"{name}: its placement at home is not finite")
+    _SOUND.add(robot)
+
+
+def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) -> None:
+    """Fill the rows of a stack at home and around it on a copy of the robot.
+
+    Raises ModelError where some of the library's own elements have no usable rows at any of these poses (the centre of
+    mass of links without mass), or the dynamics fail at all of them.
+    """
+    with twin_of(robot) as twin:
+        _rehearse(formulation, stack, twin, dt)
+
+
+@contextmanager
+def twin_of(robot: Robot) -> Iterator[Robot]:
+    """A copy of the robot to move, for one thread at a time; another one once the robot stands elsewhere at home."""
+    with _TURN:
+        twin = _TWINS.get(robot)
+        if twin is None or not np.array_equal(twin.home, robot.home):
+            twin = _TWINS[robot] = robot.copy()
+        yield twin
+
+
+def _rehearse(formulation: Formulation, stack: Stack, twin: Robot, dt: float) -> None:
+    fault = ""
+    foreign = [element.name for element in stack if not type(element).__module__.startswith(OWN)]
+    try:
+        stack = stack.without(*foreign) if foreign else stack
+        program = formulation.compile(stack, twin, dt, Price(0.0))
+    except HqpError:  # nothing is left without them
+        return
+    for k in range(POSES):
+        q = twin.home
+        if k:  # numpy.random is imported where home will not do
+            q = twin.integrate(q, np.random.default_rng(k).uniform(-0.3, 0.3, twin.nv), 1.0)
+        state = twin.state(q)
+        try:
+            program.prepare(state)
+            program.fill(state, {element.name: element.hold(state) for element in stack}, ())
+        except (DynamicsFailed, np.linalg.LinAlgError) as error:
+            fault = str(error)
+            continue
+        faults = [f"{name}: {program.reason(name)}" for name in program.unusable()]
+        if not faults:
+            return
+        fault = "; ".join(faults)
+    raise ModelError(f"{twin.name} cannot run this stack: {fault}, at home and near it; check the masses of its model")
+
+
+AWAY = 0.3
+"""Displacement of the joints from home for the check of rows: at home itself a joint may have no effect [m, rad]."""
+
+BASE_STEP = 1e-3
+"""Displacement of the base to find the errors that depend on it [m, rad]."""
+
+ROUNDING = 1e-9
+"""Entries of a Jacobian below this, relative to its largest, are rounding."""
+
+
+def adrift(stack: Stack, robot: Robot) -> str:
+    """Return a warning if tasks pull a floating base that nothing holds, else ``""``.
+
+    A contact holds it, or an equality of ``subject_to`` with the base's motion in its rows, or a task on the base
+    itself: its error changes with the base, and no joint moves it.
+    """
+    if not robot.floating or any(element.is_contact for element in stack):
+        return ""
+    here, there = robot.copy(), robot.copy()
+    q = here.integrate(here.home, np.random.default_rng(0).uniform(-AWAY, AWAY, robot.nv), 1.0)
+    here.state(q)
+    there.state(there.integrate(q, np.where(np.arange(robot.nv) < 6, BASE_STEP, 0.0), 1.0))
+    pulled = []
+    for element in stack:
+        if not element.equality or element.quantity != "motion":
+            continue
+        try:
+            base, joints, noticed = _entries(element, here, there)
+        except Exception:  # a user's faulty element: the tick reports it
+            return ""
+        if (base and element in stack.subject_to) or (noticed and not joints):
+            return ""
+        if noticed:
+            pulled.append(element.name)
+    if not pulled:
+        return ""
+    name = robot.name or "the robot"
+    return (
+        f"no contact and no task holds the floating base of {name}: {_listed(pulled)} will move it through the air. "
+        "Declare contacts in subject_to or a task on the base, or load the robot with a fixed base "
+        "(floating=False, --fixed)"
+    )
+
+
+def _entries(element: Any, here: Robot, there: Robot) -> tuple[bool, bool, bool]:
+    """Return true if the base is in the rows, if a joint is, and if the error changes with the base."""
+    now, then = here.current, there.current
+    hold = element.hold(now).value
+    J = np.abs(np.atleast_2d(element.jacobian(now, hold) if element.steered else element.jacobian(now)))
+    largest = float(J.max(initial=0.0))
+    entered = ROUNDING * largest < J
+    base = bool(entered[:, :6].any())
+    change = np.abs(np.asarray(element.error(then, hold)) - np.asarray(element.error(now, hold))) if base else 0.0
+    return base, bool(entered[:, 6:].any()), bool(np.any(change > ROUNDING))
+
+
+def _listed(names: list[str], most: int = 3) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
 
 STEP = 0.05
 """Displacement of the largest coordinate from home, along the free directions there [m, rad]."""
