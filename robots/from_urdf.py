@@ -13,15 +13,20 @@ import pinocchio as pin
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ModelError
 
-from . import urdf_structure, xml_lines
-from .description import LARGEST, Description, require_room
+from . import urdf_shapes, urdf_structure, xml_lines
+from .description import Description, require_room
 
 _KINDS = ("revolute", "prismatic", "continuous", "fixed", "floating", "planar")
 _COORDINATES = {"fixed": 0, "planar": 3, "floating": 6}  # joints without exactly one coordinate
-_TRIPLES = ("xyz", "rpy")
 MOST_LINKS = 5000
 """Pinocchio's reader goes down a chain of links by calls of itself; 20 000 end the process."""
 _AXIAL = ("revolute", "prismatic", "continuous", "planar")
+_UNUSED = {
+    "continuous": "lower, upper of the file are ignored, they turn without end",
+    "planar": "lower, upper of the file are ignored, they name no coordinate",
+    "floating": "limits of the file are ignored, they name no coordinate",
+}
+"""Notes on limits of a kind of joint."""
 _SLACK = 1e-6  # tolerance of the triangle inequality, relative to the largest moment: decimals in files
 
 
@@ -41,17 +46,19 @@ def read(path: Path, floating: bool | None) -> Description:
     if links > MOST_LINKS:
         raise ModelError(f"{path}: {links} links, allowed {MOST_LINKS}: the reader is recursive")
     urdf_structure.refuse_macros(path, root)
+    urdf_structure.refuse_spellings(path, root)
     freed = _free_root(root)
     if freed and floating is False:
         raise DeclarationError(
             "floating", f"joint {freed!r} of {path} already frees the root", value=False, allowed="None, True"
         )
     floating = floating is True and not freed
-    warnings = urdf_structure.incomplete_inertias(path, root)
+    warnings = [*urdf_structure.incomplete_inertias(path, root), *urdf_structure.repeated(path, root)]
     negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
     _check_joints(path, root, warnings)
     require_room(path, sum(_COORDINATES.get(str(joint.get("type")), 1) for joint in root.findall("joint")))
     urdf_structure.check(path, root)
+    warnings += urdf_shapes.check(path, root)
     try:
         model = pin.buildModelFromUrdf(str(path), *((pin.JointModelFreeFlyer(),) if floating else ()))
     except (ValueError, RuntimeError) as error:
@@ -98,33 +105,14 @@ def _indefinite(M: Mat) -> bool:
     return bool(moments[0] < -1e-9 * abs(moments[-1]))
 
 
-def _numbers(
-    path: Path, what: str, element: ET.Element | None, default: str, *names: str, most: float = LARGEST
-) -> list[float]:
-    values, at = [], xml_lines.place(path, element)
-    for name in names:
-        text = default if element is None else element.get(name, default)
-        try:
-            parts = [float(word) for word in text.split()]
-        except ValueError:
-            raise ModelError(f"{at}: {what}: {name}={text!r} is not a number") from None
-        count = 3 if name in _TRIPLES else 1
-        if len(parts) != count:
-            raise ModelError(f"{at}: {what}: {name}={text!r} has {len(parts)} numbers, allowed {count}")
-        if not all(abs(part) <= most for part in parts) or not all(map(math.isfinite, parts)):
-            raise ModelError(f"{at}: {what}: {name}={text!r} is not finite or too large")
-        values += parts
-    return values
-
-
 def _check_link(path: Path, link: ET.Element, warnings: list[str]) -> str:
     """Return the fault if a principal moment is negative, else an empty text."""
     inertial, what = link.find("inertial"), f"link {link.get('name')!r}"
     if inertial is None:
         return ""
-    _numbers(path, what, inertial.find("origin"), "0 0 0", "xyz", "rpy")
-    mass = _numbers(path, what, inertial.find("mass"), "0", "value")[0]
-    xx, yy, zz, xy, xz, yz = _numbers(
+    xml_lines.numbers(path, what, inertial.find("origin"), "0 0 0", "xyz", "rpy")
+    mass = xml_lines.numbers(path, what, inertial.find("mass"), "0", "value")[0]
+    xx, yy, zz, xy, xz, yz = xml_lines.numbers(
         path, what, inertial.find("inertia"), "0", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"
     )
     if mass < 0.0:
@@ -147,13 +135,15 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
         what, limit, at = f"joint {name!r}", joint.find("limit"), xml_lines.place(path, joint)
         if kind not in _KINDS:
             raise ModelError(f"{at}: {what} is of type {kind!r}; allowed: {', '.join(_KINDS)}")
-        _numbers(path, what, joint.find("origin"), "0 0 0", "xyz", "rpy")
-        axis = _numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
+        xml_lines.numbers(path, what, joint.find("origin"), "0 0 0", "xyz", "rpy")
+        axis = xml_lines.numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
         if kind in _AXIAL and (len(axis) != 3 or not any(axis)):
             raise ModelError(f"{at}: {what}: axis {axis} is a zero vector")
-        lower, upper, speed, effort = _numbers(
+        lower, upper, speed, effort = xml_lines.numbers(
             path, what, limit, "0", "lower", "upper", "velocity", "effort", most=math.inf
         )
+        xml_lines.numbers(path, what, joint.find("dynamics"), "0", "damping", "friction")
+        xml_lines.numbers(path, what, joint.find("mimic"), "0", "multiplier", "offset")
         if kind not in ("revolute", "prismatic", "continuous"):
             continue
         if speed < 0.0 or effort < 0.0:
@@ -178,24 +168,25 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
 
 
 def _read_planes(path: Path, root: ET.Element, found: Description) -> None:
-    """Normal and speed limit of planar joints, which Pinocchio's reader leaves out; a note on other limits."""
-    model = found.model
+    """Normal and speed limit of planar joints, which Pinocchio's reader leaves out; notes on limits without a use."""
+    model, unused = found.model, dict[str, list[str]]()
     for joint in root.findall("joint"):
-        name, kind, limit = str(joint.get("name")), joint.get("type"), joint.find("limit")
-        if kind not in ("planar", "floating") or not model.existJointName(name):
+        name, kind, limit = str(joint.get("name")), str(joint.get("type")), joint.find("limit")
+        if kind not in _UNUSED or not model.existJointName(name):
             continue
         index, what = model.getJointId(name), f"joint {name!r}"
-        bounds = _numbers(path, what, limit, "0", "lower", "upper", most=math.inf)
-        speed, effort = _numbers(path, what, limit, "0", "velocity", "effort", most=math.inf)
+        bounds = xml_lines.numbers(path, what, limit, "0", "lower", "upper", most=math.inf)
+        speed, effort = xml_lines.numbers(path, what, limit, "0", "velocity", "effort", most=math.inf)
         if kind == "planar":
-            _turn(model, index, np.array(_numbers(path, what, joint.find("axis"), "1 0 0", "xyz")))
+            _turn(model, index, np.array(xml_lines.numbers(path, what, joint.find("axis"), "1 0 0", "xyz")))
             columns = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
             for limits, value in ((model.velocityLimit, speed), (model.effortLimit, effort)):
                 if value > 0.0:
                     limits[columns] = value
         if any(bounds) or (kind == "floating" and (speed or effort)):
-            ignored = "lower, upper" if kind == "planar" else "its limits"
-            found.notes.append(f"{what} is {kind}: {ignored} of the file are ignored, they name no coordinate")
+            unused.setdefault(kind, []).append(name)
+    for kind, names in unused.items():
+        found.notes.append(f"{kind} joints: {_UNUSED[kind]}: {', '.join(names)}")
 
 
 def _turn(model: Any, index: int, normal: Vec) -> None:
@@ -222,7 +213,7 @@ def _read_friction(path: Path, root: ET.Element, found: Description) -> None:
             repr(str(joint.get("name")))
             for joint in root.findall("joint")
             if joint.get("type") != "fixed"
-            and _numbers(path, f"joint {joint.get('name')!r}", joint.find("dynamics"), "0", what)[0]
+            and xml_lines.numbers(path, f"joint {joint.get('name')!r}", joint.find("dynamics"), "0", what)[0]
         ]
         if rubbed:
             more = f" and {len(rubbed) - 4} more" if len(rubbed) > 4 else ""
@@ -230,21 +221,34 @@ def _read_friction(path: Path, root: ET.Element, found: Description) -> None:
 
 
 def _read_mimics(path: Path, root: ET.Element, found: Description) -> None:
-    followers = []
+    followers, leaders = [], dict[str, str]()
     for joint in root.findall("joint"):
         mimic, name = joint.find("mimic"), str(joint.get("name"))
         if mimic is None or joint.get("type") == "fixed":
             continue
         leader, what = str(mimic.get("joint")), f"joint {name!r}, mimic"
-        if not found.model.existJointName(leader) or leader == name:
+        ends = [found.model.getJointId(end) if found.model.existJointName(end) else 0 for end in (name, leader)]
+        if leader == name or any(found.model.nvs[end] != 1 for end in ends):
             found.warnings.append(
-                f"joint {name!r} mimics {leader!r}, which is not another moving joint of the file: not coupled"
+                f"joint {name!r} mimics {leader!r}, needed two joints of one axis that move: not coupled"
             )
             continue
-        factor = _numbers(path, what, mimic, "1", "multiplier")[0]
-        offset = _numbers(path, what, mimic, "0", "offset")[0]
+        leaders[name] = leader
+        factor = xml_lines.numbers(path, what, mimic, "1", "multiplier")[0]
+        offset = xml_lines.numbers(path, what, mimic, "0", "offset")[0]
         found.couplings.append(({name: 1.0, **({leader: -factor} if factor else {})}, offset))
         followers.append(name)
+    for name in followers:
+        way = [name]
+        while way[-1] in leaders:
+            leader = leaders[way[-1]]
+            if leader == name:
+                joint = next(joint for title, joint in xml_lines.named(root, "joint") if title == name)
+                at = xml_lines.place(path, joint.find("mimic"))
+                raise ModelError(f"{at}: joint {name!r} mimics itself by {', '.join(way[1:])}; allowed: a leader")
+            if leader in way:
+                break
+            way.append(leader)
     if followers:
         model = found.model
         single = [n for n, j in list(zip(model.names, model.joints, strict=True))[1:] if j.nv == 1]

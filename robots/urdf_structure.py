@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hqp.errors import ModelError
@@ -12,6 +12,15 @@ from .xml_lines import named, place
 
 _MACRO = "xacro:"
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ONCE = (
+    "inertial", "mass", "inertia", "origin", "geometry", "parent", "child", "axis", "limit", "dynamics", "mimic",
+    "safety_controller", "calibration",
+)  # fmt: skip
+_PARTS = ("link", "joint", "visual", "collision", "box", "sphere", "cylinder", "mesh", "material", *_ONCE)
+_ATTRIBUTES = (
+    "name", "type", "xyz", "rpy", "value", "size", "radius", "length", "filename", "scale", "lower", "upper", "effort",
+    "velocity", "damping", "friction", "multiplier", "offset", *_MOMENTS,
+)  # fmt: skip
 _NEEDED: dict[str, tuple[str, ...]] = {
     "limit": ("effort", "velocity"),
     "mimic": ("joint",),
@@ -22,11 +31,18 @@ _NEEDED: dict[str, tuple[str, ...]] = {
 
 def check(path: Path, root: ET.Element) -> None:
     """Raise ModelError for the first fault: names twice, missing parts, unknown links, several roots, loops."""
+    if not root.get("name"):
+        raise _fault(path, root, "<robot> has no name", '<robot name="...">')
+    if root.get("version", "1.0") not in ("1.0", "1.1"):
+        raise _fault(path, root, f"version {root.get('version')!r} of URDF is not read", "1.0")
+    if root.find("link") is None:
+        raise _fault(path, root, "a robot without a <link>", "one link or more")
     for tag in ("link", "joint"):
         seen: dict[str, ET.Element] = {}
         for name, element in named(root, tag):
-            if element.get("name") is None:
-                raise _fault(path, element, f"<{tag}> has no name", 'name="..."')
+            if not element.get("name") or (tag, name) == ("joint", "universe"):
+                given = f"{tag} {name!r}: its name is reserved" if element.get("name") else f"<{tag}> has no name"
+                raise _fault(path, element, given, 'name="...", for joints not "universe"')
             if name in seen:
                 first = place(path, seen[name]).rpartition(", ")[2]
                 raise _fault(path, element, f"{tag} {name!r} is there twice, first on {first}", "another name")
@@ -43,6 +59,40 @@ def refuse_macros(path: Path, root: ET.Element) -> None:
         if element.tag.startswith(_MACRO):
             what = f"<{element.tag}>: a macro of xacro is left in"
             raise _fault(path, element, what, "plain URDF; run xacro on the source file")
+
+
+def refuse_spellings(path: Path, root: ET.Element) -> None:
+    """Raise ModelError for a name of an element or attribute that differs in case alone from one of URDF."""
+    known = {word.lower(): word for word in (*_PARTS, *_ATTRIBUTES)}
+    for owner, element in _parts(root):
+        for given in (element.tag, *element.attrib):
+            meant = known.get(given.lower(), given)
+            if meant != given:
+                raise _fault(
+                    path, element, f"{owner}: {given!r} of <{element.tag}> is unknown", f"{meant!r}: case counts"
+                )
+
+
+def repeated(path: Path, root: ET.Element) -> list[str]:
+    """Sentences on elements of a link or joint that are there twice, of which the reader takes the first."""
+    found = []
+    for owner, element in _parts(root):
+        seen = set()
+        for child in element:
+            if child.tag in seen:
+                line = place(path, child).rpartition(", ")[2]
+                found.append(f"{line}: {owner} has one more <{child.tag}>, using the first")
+            if child.tag in _ONCE:
+                seen.add(child.tag)
+    return found
+
+
+def _parts(root: ET.Element) -> Iterator[tuple[str, ET.Element]]:
+    """The root's children and all elements in links and joints, with their link or joint."""
+    for child in root:
+        owner = f"{child.tag} {child.get('name')!r}"
+        for element in child.iter() if child.tag in ("link", "joint") else (child,):
+            yield owner, element
 
 
 def incomplete_inertias(path: Path, root: ET.Element) -> list[str]:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 from xml.parsers import expat
 
 from hqp.errors import ModelError
+
+from .description import LARGEST
+
+_TRIPLES = ("xyz", "rpy", "size", "scale")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 
 
 class Element(ET.Element):
@@ -17,8 +24,15 @@ class Element(ET.Element):
 
 
 def read(path: Path) -> Element:
-    """The file's root element; names keep their prefixes, declared or not.  Raises ModelError."""
+    """The file's root element; names keep their prefixes, declared or not.
+
+    Raises ModelError for files that are not UTF-8 or declare entities, which the readers of models do not expand.
+    """
     parser, builder = expat.ParserCreate(), ET.TreeBuilder(element_factory=Element)
+
+    def declared(name: str, *_: object) -> None:
+        at = f"{path}, line {parser.CurrentLineNumber}"
+        raise ModelError(f"{at}: an entity {name!r} is declared; allowed: XML without entities, values written out")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = builder.start(tag, attributes)
@@ -27,13 +41,40 @@ def read(path: Path) -> Element:
     parser.StartElementHandler = start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = declared
     try:
-        parser.Parse(path.read_bytes(), True)
+        content = path.read_bytes()
+        parser.Parse(content, True)
         root = builder.close()
     except (expat.ExpatError, ValueError, LookupError, OSError) as error:  # bytes that are no text, encodings unknown
         raise ModelError(f"{path} could not be read: {error}") from error
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise ModelError(f"{path}, line {line}: a byte that is not UTF-8; allowed: files in UTF-8") from error
     assert isinstance(root, Element)
     return root
+
+
+def numbers(
+    path: Path, what: str, element: ET.Element | None, default: str, *names: str, most: float = LARGEST
+) -> list[float]:
+    """Numbers of attributes, ``default`` for missing ones; raises ModelError for another count or not finite ones."""
+    values, at = [], place(path, element)
+    for name in names:
+        text = default if element is None else element.get(name, default)
+        words = text.split()
+        if not all(_NUMBER.fullmatch(word) for word in words):
+            raise ModelError(f"{at}: {what}: {name}={text!r} is not a number; allowed: decimals, without units")
+        parts = [float(word) for word in words]
+        count = 3 if name in _TRIPLES else 1
+        if len(parts) != count:
+            raise ModelError(f"{at}: {what}: {name}={text!r} has {len(parts)} numbers, allowed {count}")
+        if not all(abs(part) <= most for part in parts) or not all(map(math.isfinite, parts)):
+            raise ModelError(f"{at}: {what}: {name}={text!r} is not finite or too large")
+        values += parts
+    return values
 
 
 def place(path: Path, element: ET.Element | None) -> str:

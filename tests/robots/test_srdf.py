@@ -92,10 +92,12 @@ def test_an_srdf_elsewhere_comes_before_the_one_beside(tmp_path: Path) -> None:
         ('<group_state name="a"><joint name="j1" value="nan"/></group_state>', r"value='nan' is not a number"),
         ('<group_state name="a"><joint name="j6" value="1 0"/></group_state>', r"'j6': value='1 0'"),
         ('<group_state name="a"><joint name="j1"/></group_state>', r"'j1': value='None'"),
-        ('<group_state><joint name="j1" value="1"/></group_state>', r"arm.srdf: cannot read the SRDF.*name"),
+        ('<group_state><joint name="j1" value="1"/></group_state>', r"arm.srdf, line 1: <group_state> has no name"),
         ("<group_state", r"arm.srdf"),
+        ('<Group_State name="a"/>', r"arm.srdf, line 1: <Group_State> is unknown; allowed: <group_state>"),
+        ('<disable_collisions link1="base"/>', r"arm.srdf, line 1: <disable_collisions> has no link2"),
     ],
-    ids=["word", "nan", "two", "none", "nameless", "broken"],
+    ids=["word", "nan", "two", "none", "nameless", "broken", "case", "half a pair"],
 )
 def test_refused_by_name(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(ModelError, match=told):

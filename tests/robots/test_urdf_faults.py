@@ -17,6 +17,9 @@ from hqp.robots.on_mujoco import Plant
 SEEDS = range(8)
 
 
+SHAPES = ('<box size=".1 .2 .3"/>', '<sphere radius=".1"/>', '<cylinder radius=".1" length=".2"/>')
+
+
 class Drawn:
     """A URDF with one element a line: a tree of links and joints of drawn kinds."""
 
@@ -26,7 +29,9 @@ class Drawn:
         self.lines = ['<?xml version="1.0"?>', "<!-- <robot/> written", "by a test -->", '<robot name="drawn">']
         for k in range(count):
             self.lines += [f'<link name="l{k}">', "<inertial>", '<mass value="1"/>']
-            self.lines += ['<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>', "</inertial>", "</link>"]
+            self.lines += ['<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>', "</inertial>"]
+            self.lines += ["<collision>", '<origin xyz="0 0 .1"/>', "<geometry>", SHAPES[int(rng.integers(3))]]
+            self.lines += ["</geometry>", "</collision>", "</link>"]
             if k:
                 kind = str(rng.choice(["revolute", "prismatic", "revolute"]))
                 self.lines += [f'<joint name="j{k}" type="{kind}">', f'<parent link="l{int(rng.integers(k))}"/>']
@@ -63,6 +68,13 @@ def removed(drawn: Drawn, start: str) -> int:
     return next(i for i in range(at, 0, -1) if drawn.lines[i].startswith(("<joint", "<inertial")))
 
 
+def shaped(drawn: Drawn, shape: str) -> int:
+    """Put another shape in the place of a drawn one."""
+    at = drawn.find(str(drawn.rng.choice([line[:5] for line in drawn.lines if line in SHAPES])))
+    drawn.lines[at] = shape
+    return at
+
+
 FAULTS: dict[str, Any] = {
     "no effort": lambda d: change(d, "<limit", ' effort="9"', ""),
     "no velocity": lambda d: change(d, "<limit", ' velocity="2"', ""),
@@ -82,6 +94,25 @@ FAULTS: dict[str, Any] = {
     "effort below zero": lambda d: change(d, "<limit", 'effort="9"', 'effort="-9"'),
     "unknown type": lambda d: change(d, "<joint", 'type="', 'type="rotary_'),
     "no damping": lambda d: change(d, "<dynamics", ' damping=".1"', ""),
+    "damping of nan": lambda d: change(d, "<dynamics", '".1"', '"nan"'),
+    "limit in degrees": lambda d: change(d, "<limit", 'lower="-1"', 'lower="-57deg"'),
+    "decimal comma": lambda d: change(d, "<mass", '"1"', '"1,5"'),
+    "digits of Python": lambda d: change(d, "<mass", '"1"', '"1_0"'),
+    "axis in upper case": lambda d: change(d, "<axis", "<axis", "<Axis"),
+    "attribute in upper case": lambda d: change(d, "<axis", "xyz", "XYZ"),
+    "box in upper case": lambda d: shaped(d, '<Box size=".1 .1 .1"/>'),
+    "box of nan": lambda d: shaped(d, '<box size=".1 nan .1"/>'),
+    "box of two": lambda d: shaped(d, '<box size=".1 .1"/>'),
+    "box below zero": lambda d: shaped(d, '<box size=".1 -.1 .1"/>'),
+    "sphere below zero": lambda d: shaped(d, '<sphere radius="-.1"/>'),
+    "sphere without radius": lambda d: shaped(d, "<sphere/>"),
+    "cylinder without length": lambda d: shaped(d, '<cylinder radius=".1"/>'),
+    "mesh without file": lambda d: shaped(d, "<mesh/>"),
+    "mesh of one scale": lambda d: shaped(d, '<mesh filename="a.stl" scale=".001"/>'),
+    "mesh of scale zero": lambda d: shaped(d, '<mesh filename="a.stl" scale="1 0 1"/>'),
+    "shape of nan": lambda d: change(d, "<origin", "0 0 .1", "0 nan .1"),
+    "shape of words": lambda d: change(d, "<origin", "0 0 .1", "a b c"),
+    "mimic of nan": lambda d: change(d, "<axis", "/>", '/><mimic joint="j1" multiplier="nan"/>'),
     "mimics nobody": lambda d: change(d, "<axis", "/>", '/><mimic multiplier="2"/>'),
 }
 INCOMPLETE = {"no mass", "no inertia", "no moment"}
@@ -112,6 +143,62 @@ def test_an_inertia_that_the_reader_takes_as_zero_is_told(fault: str, seed: int,
     element = drawn.element(at)
     with pytest.warns(ModelWarning, match=rf"line {at + 1}: {element}: .*read as zero"):
         hqp.robots.load(drawn.write(tmp_path))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_shape_of_an_unknown_kind_is_warned_of(seed: int, tmp_path: Path) -> None:
+    """It has no capsules: nothing keeps a distance from it."""
+    drawn = Drawn(seed)
+    at = shaped(drawn, '<capsule radius=".1" length=".2"/>')
+    with pytest.warns(ModelWarning, match=rf"line {at + 1}: {drawn.element(at)}: .*<capsule> is not read"):
+        hqp.robots.load(drawn.write(tmp_path))
+    drawn.lines[at] = ""
+    with pytest.raises(ModelError, match=rf"{drawn.element(at)}: its <collision> has no shape"):
+        hqp.robots.load(drawn.write(tmp_path))
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("start", ["<inertial", "<mass", "<limit", "<axis", "<parent"])
+def test_an_element_that_is_there_twice_is_warned_of(start: str, seed: int, tmp_path: Path) -> None:
+    drawn = Drawn(seed)
+    at = drawn.find(start)
+    if start == "<inertial":
+        drawn.lines[at] = '<inertial><mass value="3"/></inertial><inertial>'
+    else:
+        drawn.lines[at] *= 2
+    with pytest.warns(ModelWarning, match=rf"line {at + 1}: .* has one more {start}>, using the first"):
+        hqp.robots.load(drawn.write(tmp_path))
+
+
+@pytest.mark.parametrize("length", [2, 3])
+def test_joints_that_mimic_each_other_are_refused(length: int, tmp_path: Path) -> None:
+    drawn = Drawn(1)
+    joints = [i for i, line in enumerate(drawn.lines) if line.startswith("<axis")][:length]
+    for k, at in enumerate(joints):
+        drawn.lines[at] += f'<mimic joint="j{(k + 1) % length + 1}"/>'
+    with pytest.raises(ModelError, match=rf"line {joints[0] + 1}: joint 'j1' mimics itself by j2"):
+        hqp.robots.load(drawn.write(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('<robot name="drawn">', "<robot>", "line 4: <robot> has no name"),
+        ('<robot name="drawn">', '<robot name="drawn" version="2.0">', "line 4: version '2.0'"),
+        ('name="j1"', 'name=""', "<joint> has no name"),
+        ('name="j1"', 'name="universe"', "joint 'universe': its name is reserved"),
+        ("<!--", '<!DOCTYPE robot [<!ENTITY a "1">]><!--', "line 2: an entity 'a' is declared"),
+        ('name="l0"', 'name="gel\u00e9e"', "line 5: a byte that is not UTF-8"),
+    ],
+)
+def test_faults_of_the_file_are_told(old: str, new: str, told: str, tmp_path: Path) -> None:
+    drawn = Drawn(0)
+    path = drawn.write(tmp_path)
+    text = path.read_text().replace(old, new, 1)
+    header = text.replace('<?xml version="1.0"?>', '<?xml version="1.0" encoding="latin-1"?>')
+    path.write_text(header, encoding="latin-1")
+    with pytest.raises(ModelError, match=told):
+        hqp.robots.load(path)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
