@@ -57,14 +57,14 @@ def parsed(path: Path) -> Any:
         spec.modelfiledir = str(path.absolute().parent)
         return spec
     except (OSError, ValueError, MemoryError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
+        raise ModelError(f"{path} could not be read: {' '.join(str(error).split())}") from error
 
 
 def _compile(spec: Any, path: Path) -> Any:
     try:
         return spec.compile()
     except (ValueError, MemoryError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
+        raise ModelError(f"{path} could not be read: {' '.join(str(error).split())}") from error
 
 
 def root_bodies(simulated: Any, own: frozenset[int]) -> list[int]:
@@ -84,6 +84,7 @@ def _represented(simulated: Any, path: Path | str) -> None:
         values = np.asarray(attrgetter(name)(simulated))
         if np.isnan(values).any() or (name in _NUMBERS and np.any(np.abs(values) >= LARGEST)):
             raise ModelError(f"{path}: MuJoCo reads {name} as a number that is not finite or too large")
+    mjcf_limits.check(simulated, path)
 
 
 def set_root(spec: Any, floating: bool, own: Sequence[int]) -> None:

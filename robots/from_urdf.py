@@ -74,7 +74,6 @@ def read(path: Path, floating: bool | None) -> Description:
         warnings.append(f"no mass moves with {told}: torque level needs one")
     found = Description(model=model, source=path, warnings=warnings)
     _read_planes(path, root, found)
-    _read_friction(path, root, found)
     _read_mimics(path, root, found)
     return found
 
@@ -204,20 +203,6 @@ def _turn(model: Any, index: int, normal: Vec) -> None:
     for frame in model.frames:
         if frame.parentJoint == index:
             frame.placement = back * frame.placement
-
-
-def _read_friction(path: Path, root: ET.Element, found: Description) -> None:
-    """A note on damping and friction of joints, which the model's forces lack."""
-    for what in ("damping", "friction"):
-        rubbed = [
-            repr(str(joint.get("name")))
-            for joint in root.findall("joint")
-            if joint.get("type") != "fixed"
-            and xml_lines.numbers(path, f"joint {joint.get('name')!r}", joint.find("dynamics"), "0", what)[0]
-        ]
-        if rubbed:
-            more = f" and {len(rubbed) - 4} more" if len(rubbed) > 4 else ""
-            found.notes.append(f"{what} of the file is ignored in the model's forces: {', '.join(rubbed[:4])}{more}")
 
 
 def _read_mimics(path: Path, root: ET.Element, found: Description) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.errors import ModelError
 
 from . import coupled, mjcf_equalities
 from .description import Description
@@ -19,7 +21,32 @@ from .mujoco_extra import mujoco
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _DIRECT = [int(k) for k in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
+_RANGES = {"range": "jnt_range", "actuatorfrcrange": "jnt_actfrcrange", "ctrlrange": "actuator_ctrlrange"}
+_RANGES |= {"forcerange": "actuator_forcerange"}
+"""Ranges of joints and actuators with the field of a MjModel that holds them."""
+_TENDONS = {
+    "limits (a JointCoupling ties joints to each other)": ("tendon_limited",),
+    "springs": ("tendon_stiffness",),
+    "damping and friction": ("tendon_damping", "tendon_frictionloss"),
+}
+"""Parts of tendons that the model lacks, with the fields of a MjModel that hold them."""
 _HOMES = ("home", "stand", "standing")
+
+
+def check(simulated: Any, path: Path | str) -> None:
+    """Raise ModelError for ranges that MuJoCo drops since they hold nothing, negative armature, motors of gear 0."""
+    joints, motors = joint_names(simulated), [_motor_name(simulated, a) for a in range(simulated.nu)]
+    for word, field in _RANGES.items():
+        what, names = ("joint", joints) if field.startswith("jnt") else ("actuator", motors)
+        for name, (low, high) in zip(names, getattr(simulated, field), strict=True):
+            if low >= high and (low or high):
+                raise ModelError(f'{path}: {what} {name!r}: {word}="{low:g} {high:g}"; allowed: the lower end first')
+    for j, name in enumerate(joints):
+        if simulated.dof_armature[simulated.jnt_dofadr[j]] < 0.0:
+            raise ModelError(f"{path}: joint {name!r}: negative armature; allowed: 0 or above")
+    for a, name in enumerate(motors):
+        if int(simulated.actuator_trntype[a]) in _DIRECT and not np.any(simulated.actuator_gear[a]):
+            raise ModelError(f"{path}: actuator {name!r}: gear 0 moves nothing; allowed: another gear")
 
 
 def read(simulated: Any, found: Description, own: frozenset[int]) -> None:
@@ -88,7 +115,10 @@ def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> Non
     motors = [names[j] for j in moved if j in single]
     if balls := [names[j] for j in moved if j not in single]:
         found.notes.append(f"motors on joints with several axes are ignored: {', '.join(balls)}")
-    used = sum(int(a) in moved for a in simulated.actuator_trnid[:, 0][np.isin(simulated.actuator_trntype, _DIRECT)])
+    on_joint = np.isin(simulated.actuator_trntype, _DIRECT)
+    used = sum(int(a) in moved for a in simulated.actuator_trnid[on_joint, 0])
+    if several := [names[j] for j in moved if np.sum(simulated.actuator_trnid[on_joint, 0] == j) > 1]:
+        found.notes.append(f"joints with several actuators have one motor, of their smallest limit: {_some(several)}")
     for a in np.flatnonzero(simulated.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)).tolist():
         leader = _tendon_motor(simulated, found, own, a, motors)
         motors += [leader] if leader else []
@@ -169,15 +199,30 @@ def _read_notes(simulated: Any, found: Description, own: frozenset[int]) -> None
     bodies, stiffness = body_names(simulated), np.asarray(simulated.jnt_stiffness).reshape(simulated.njnt, -1)[:, 0]
     if springs := [name for name, j in own_joints(simulated, own).items() if stiffness[j]]:
         found.notes.append(f"springs of the file are ignored in the model's forces: {_some(springs)}")
-    rubbed = {"damping": simulated.dof_damping, "friction": simulated.dof_frictionloss}
-    for what, values in rubbed.items():
-        first = np.asarray(values).reshape(simulated.nv, -1)[:, 0][simulated.jnt_dofadr]
-        if joints := [name for name, j in own_joints(simulated, own).items() if first[j]]:
-            found.notes.append(f"{what} of the file is ignored in the model's forces: {_some(joints)}")
     if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp) if b in own]:
         found.notes.append(f"gravity compensation of the file is ignored in the model's forces: {_some(light)}")
+    ranged = (simulated.jnt_range[:, 0] < simulated.jnt_range[:, 1]) & (np.asarray(simulated.jnt_limited) == 0)
+    if loose := [name for name, j in own_joints(simulated, own).items() if ranged[j]]:
+        found.notes.append(f'ranges with limited="false" limit nothing: {_some(loose)}')
+    for what, fields in _TENDONS.items():
+        pulls = [np.any(np.reshape([getattr(simulated, f)[t] for f in fields], -1)) for t in range(simulated.ntendon)]
+        if tendons := [_tendon(simulated, t) for t in np.flatnonzero(pulls).tolist()]:
+            found.notes.append(f"{what} of tendons are ignored: {_some(tendons)}")
     if simulated.ntendon and np.any(simulated.tendon_armature):
         found.warnings.append("rotor inertia of tendons is ignored in the model's inertia, MuJoCo has it")
+
+
+def _motor_name(simulated: Any, actuator: int) -> str:
+    return simulated.actuator(actuator).name or str(actuator)
+
+
+def _tendon(simulated: Any, tendon: int) -> str:
+    """Name of a tendon, with the joints that it goes along if it is fixed, and its range if it has one."""
+    name, joints = simulated.tendon(tendon).name or str(tendon), joint_names(simulated)
+    terms = mjcf_equalities.lengths(simulated).get(tendon, ({}, 0.0))[0]
+    along = f" along {', '.join(joints[j] for j in terms)}" if terms else ""
+    low, high = simulated.tendon_range[tendon]
+    return f"{name}{along}" + (f" in [{low:g}, {high:g}]" if simulated.tendon_limited[tendon] else "")
 
 
 def _some(names: list[str]) -> str:

@@ -115,5 +115,5 @@ def test_a_planar_joint_moves_across_its_axis(seed: int, tmp_path: Path) -> None
 
 def test_friction_and_damping_are_noted(tmp_path: Path) -> None:
     robot = chain(tmp_path, "revolute", '<dynamics damping="0.3"/>', '<dynamics friction="1"/>', "")
-    assert any("damping" in note and "'j0'" in note and "'j1'" not in note for note in robot.notes)
-    assert any("friction" in note and "'j1'" in note for note in robot.notes)
+    assert any("damping" in note and "j0" in note and "j1" not in note for note in robot.notes)
+    assert any("friction" in note and "j1" in note for note in robot.notes)
