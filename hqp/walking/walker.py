@@ -14,6 +14,7 @@ from hqp.arrays import Vec
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
+from hqp.errors import DeclarationError
 from hqp.estimation.rotations import about_vertical, yaw_of
 from hqp.loop.controller import Controller
 from hqp.loop.tick import Tick
@@ -207,11 +208,15 @@ class Walker:
         """One tick: the torques for a state.
 
         loads: normal force on the left and on the right foot [N]; without them a foot has landed when its time is up.
+        Raises DeclarationError for another number of loads.
         """
         if not self._started:
             self._start(state)
         self.event = ""
         felt = None if loads is None else np.asarray(loads, dtype=np.float64)
+        if felt is not None and felt.shape != (2,):
+            allowed = "one for each foot; a Plant measures them with watched=[foot.frame for foot in walker.feet]"
+            raise DeclarationError("walker", "loads", value=felt.tolist(), unit="N", allowed=allowed)
         self._advance(state, felt)
         references = self._references(state)
         tick = self.session.step(state, *references, phase=self.support)

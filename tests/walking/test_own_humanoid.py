@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
 from hqp.__main__ import main
-from hqp.errors import ModelError
+from hqp.errors import DeclarationError, ModelError
 from hqp.robots.soles import feet, sole
+from hqp.walking import Walker
 
 
 @pytest.mark.parametrize("name", ["talos", "g1", "romeo"])
@@ -52,3 +54,13 @@ def test_it_walks_from_its_file(
     shutil.copy(source, own)
     assert main(["walk", "--robot", str(own), "--seconds", "3"]) == 0
     assert "soles of" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("loads", [(), (300.0,), (300.0, 300.0, 0.0), ((300.0, 300.0),)])
+def test_loads_are_one_for_each_foot(loads: Any) -> None:
+    """A plant that watches no foot measures none: the error names the remedy."""
+    walker = Walker(hqp.robots.load("talos", rotors=True))
+    state = walker.robot.state(walker.start)
+    with pytest.raises(DeclarationError, match=r"walker: loads .*watched=\[foot.frame for foot in walker.feet\]"):
+        walker.step(state, loads)
+    assert walker.step(state, (300.0, 300.0)).status.solved
