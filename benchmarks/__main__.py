@@ -34,6 +34,7 @@ EXTRA = {
     "loops": "recorded loops of five robots in C++: same bits, allocations, times of ticks",
     "soak": "long random closed loops with faults of every kind",
     "collision": "blocked hands, a table in MuJoCo, and the cost of pairs",
+    "surfaces": "capsules around the surfaces of all shipped and of generated robots",
     "pages": "tables of the experiments' pages from the committed runs",
     "reach": "inverse kinematics to 1000 random poses, beside roboplan",
 }
@@ -47,6 +48,7 @@ ROOMS = {
     "solvers": "speed.solvers",
     "calm": "calm.command",
     "collision": "collision.command",
+    "surfaces": "collision.surfaces",
     "reach": "reach.command",
 }
 """Modules whose names differ from their parts'."""

@@ -13,8 +13,7 @@ import hqp.robots
 from hqp.errors import ModelWarning
 from hqp.robots import capsule_files, capsules
 from hqp.robots.surface import Surface
-
-from .test_surfaces import MASS, arm, drawn, outside
+from tests.scenes.collision.surfaces import MASS, arm, drawn, outside
 
 SHIPPED = ("cbi", "dreamer", "anymal", "panda", "ur5", "talos", "xarm7")
 
