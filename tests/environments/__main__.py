@@ -46,8 +46,9 @@ def main() -> int:
     arguments = parser.parse_args()
     known = tomllib.loads((Path(__file__).parent / "environments.toml").read_text())
     chosen = arguments.names or [name for name, about in known.items() if arguments.heavy or not about.get("heavy")]
+    arguments.folder = arguments.folder.resolve()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    wheels = {} if arguments.wheels is None else built(arguments.wheels)
+    wheels = {} if arguments.wheels is None else built(arguments.wheels.resolve())
     failed = []
     for name in chosen:
         about, start = known[name], time.perf_counter()
