@@ -320,6 +320,9 @@ class Batch:
     def integrate(self, q: Mat, v: Mat, dt: float, out: Mat) -> None:
         """Write q after motion with v for dt [s] to out, for all worlds."""
 
+    def change(self, world: int, stack: str, over: float) -> None:
+        """Switch to a stack, at once or within ``over`` seconds at least."""
+
     def stop(self, world: int, reason: str) -> None:
         """Come to rest and hold until ``resume``."""
 

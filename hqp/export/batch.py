@@ -22,6 +22,7 @@ from hqp.problem import Status
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Robot
+    from hqp.declare.stack import Stack
     from hqp.loop.controller import Controller
 
 Targets: TypeAlias = "Mapping[str, ArrayLike | tuple[ArrayLike, ...]]"
@@ -56,17 +57,24 @@ class Batch:
 
     A world keeps the state of a session: hold values, warm start, the last command.  Its numbers depend neither on
     other worlds, nor on the number of threads, nor on time: the controller's deadline does not apply.  threads: 0 for
-    one per core.  dt [s].  nq, nv, kind (``velocity``, ``acceleration`` or ``torque``, the meaning of a command),
-    joint_names of a command and home ``(nq,)`` are those of the plan.  Raises the errors of ``Controller.session`` and
-    ``Session.export``, DeclarationError for a bad count.
+    one per core.  dt [s].  stacks: by name, for ``change``.  nq, nv, kind (``velocity``, ``acceleration`` or
+    ``torque``, the meaning of a command), joint_names of a command and home ``(nq,)`` are those of the plan.  Raises
+    the errors of ``Controller.session`` and ``Session.export``, DeclarationError for a bad count.
     """
 
     def __init__(
-        self, controller: Controller, robot: Robot, count: int, dt: float = 0.002, *, threads: int = 0
+        self,
+        controller: Controller,
+        robot: Robot,
+        count: int,
+        dt: float = 0.002,
+        *,
+        threads: int = 0,
+        stacks: Mapping[str, Stack] | None = None,
     ) -> None:
         from hqp.loop.file import text
 
-        self._make(text(controller.session(robot, dt)), count, threads)
+        self._make(text(controller.session(robot, dt), stacks=stacks), count, threads)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Batch:
@@ -149,6 +157,18 @@ class Batch:
                 self._native.begin(world, sent[world], *((None, None) if at is None else (at[world], speed[world])))
             except ValueError as error:
                 raise DeclarationError(f"begin of world {world}", str(error), allowed="finite numbers") from None
+
+    def change(self, stack: str, over: float = 0.0, worlds: ArrayLike | None = None) -> None:
+        """Switch to the stack of that name, at once or within ``over`` seconds at least; see ``Session.change``.
+
+        worlds and errors as of ``reset``; raises DeclarationError for an unknown stack or a bad duration, too.  Targets
+        of elements that the stack of a world does not have are ignored there.
+        """
+        for world in self._chosen(worlds):
+            try:
+                self._native.change(world, stack, over)
+            except ValueError as error:
+                raise DeclarationError("change", str(error), value=(stack, over)) from None
 
     def stop(self, worlds: ArrayLike | None = None, reason: str = "stop") -> None:
         """Bring robots to rest and hold them until ``resume`` or ``reset``; worlds and errors as of ``reset``."""

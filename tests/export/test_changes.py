@@ -29,13 +29,16 @@ class Pair:
     def __init__(self, robot: Any, stacks: dict[str, Stack], formulation: Any, **more: Any) -> None:
         self.robot, self.stacks = robot, stacks
         self.run = hqp.Controller(stacks[""], formulation, deadline=np.inf, **more).session(robot, DT)
-        self.file = LoadedSession(text(self.run, stacks={name: stack for name, stack in stacks.items() if name}))
+        others = {name: stack for name, stack in stacks.items() if name}
+        self.file = LoadedSession(text(self.run, stacks=others))
+        self.batch = hqp.Batch(self.run.controller, robot, 3, DT, threads=2, stacks=others)
         self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
-        self.deepest, self.ticks = 0, 0
+        self.deepest, self.ticks, self.measured = 0, 0, False
 
     def change(self, name: str, over: float) -> None:
         self.run.change(self.stacks[name], over)
         self.file.change(name, over)
+        self.batch.change(name, over, [0, 2])  # the one between them stays
 
     def step(self, *references: hqp.Reference, bad: bool = False) -> hqp.Tick:
         q = np.full_like(self.q, np.nan) if bad else self.q
@@ -44,7 +47,15 @@ class Pair:
         for reference in known:
             if reference.load is not None:
                 self.file.load(reference.name, reference.load)
-        found = self.file.step(q, self.v, {r.name: r.value for r in known if r.value is not None})
+        targets = {r.name: r.value for r in known if r.value is not None}
+        found = self.file.step(q, self.v, targets)
+        self.measured = self.measured or any(reference.load is not None for reference in known)
+        if not self.measured:  # worlds take no loads
+            repeated = {name: np.tile(value, (3, *([1] * value.ndim))) for name, value in targets.items()}
+            worlds = self.batch.step(np.tile(q, (3, 1)), np.tile(self.v, (3, 1)), repeated)
+            for k in (0, 2):
+                np.testing.assert_array_equal(worlds.x[k], tick.x, err_msg=f"tick {self.ticks} of world {k}")
+                assert worlds.statuses()[k] is tick.status
         where = f"tick {self.ticks}"
         np.testing.assert_array_equal(found.x, tick.x, err_msg=where)
         np.testing.assert_array_equal(found.command, tick.command, err_msg=where)

@@ -8,14 +8,13 @@
 #include <thread>
 #include <vector>
 
-#include "guarded.hpp"
-#include "node.hpp"
+#include "stacks.hpp"
 
 namespace hqp {
 
 // Targets of one element in all worlds: (count, size), one behind the other.
 struct BatchTarget {
-  std::size_t member;
+  std::size_t element;
   int what;  // as Reference tells
   const double* values;
   std::size_t size;
@@ -27,8 +26,7 @@ class Batch {
     if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
     threads = std::max<std::size_t>(1, std::min(threads, count));
     for (std::size_t k = 0; k < threads; ++k) {
-      sessions_.push_back(Guarded::made(FileSource(plan)));
-      sessions_.back()->first();
+      sessions_.push_back(Stacks::made(plan));
       sessions_.back()->without_deadline();  // no world is late
     }
   }
@@ -40,7 +38,7 @@ class Batch {
   void step(const double* q, const double* v, const std::vector<BatchTarget>& targets, double* commands,
             std::int32_t* status, double* residuals, double* x) {
     std::atomic<std::size_t> next{0};
-    const auto work = [&](Guarded& session) {
+    const auto work = [&](Stacks& session) {
       for (std::size_t from; (from = next.fetch_add(kChunk)) < worlds_.size();)
         for (std::size_t i = from; i < std::min(from + kChunk, worlds_.size()); ++i)
           one(session, i, q, v, targets, commands, status, residuals, x);
@@ -60,7 +58,7 @@ class Batch {
   // Of the ticks of all worlds; no gap: a world has no clock.
   Counts counters() const {
     Counts sum;
-    for (const auto& session : sessions_) sum.add(session->counters().counts());
+    for (const auto& session : sessions_) sum.add(session->current().counters().counts());
     sum.longest_gap = 0.0;
     return sum;
   }
@@ -69,13 +67,13 @@ class Batch {
   // Change the session of a world between two steps.
   template <class Change>
   void change(std::size_t i, const Change& change) {
-    load(*sessions_[0], worlds_[i]);
+    sessions_[0]->load(worlds_[i]);
     change(*sessions_[0]);
-    store(*sessions_[0], worlds_[i]);
+    sessions_[0]->store(worlds_[i]);
   }
   std::size_t count() const { return worlds_.size(); }
   std::size_t threads() const { return sessions_.size(); }
-  Guarded& session() { return *sessions_[0]; }
+  Stacks& session() { return *sessions_[0]; }
   std::size_t bytes() const {  // of all worlds
     std::size_t sum = 0;
     for (const auto& world : worlds_) sum += world.bytes();
@@ -85,31 +83,23 @@ class Batch {
  private:
   static constexpr std::size_t kChunk = 16;
 
-  void one(Guarded& session, std::size_t i, const double* q, const double* v, const std::vector<BatchTarget>& targets,
+  void one(Stacks& session, std::size_t i, const double* q, const double* v, const std::vector<BatchTarget>& targets,
            double* commands, std::int32_t* status, double* residuals, double* x) {
-    load(session, worlds_[i]);
+    session.load(worlds_[i]);
     for (const BatchTarget& target : targets)
-      session.set(target.member, target.what, target.values + i * target.size, target.size);
-    const Line& line = session.line();
+      session.offer(target.element, target.what, target.values + i * target.size, target.size);
+    const Line& line = session.current().line();
     const Tick& tick = session.step(q + i * std::size_t(line.nq()), v + i * std::size_t(line.nv()));
     std::copy(tick.command().begin(), tick.command().end(), commands + i * tick.command().size());
-    std::copy(tick.residuals().begin(), tick.residuals().end(), residuals + i * tick.residuals().size());
+    double* const levels = residuals + i * session.levels();
+    std::fill(std::copy(tick.residuals().begin(), tick.residuals().end(), levels), levels + session.levels(), 0.0);
     if (x) std::copy(tick.x().begin(), tick.x().end(), x + i * tick.x().size());
     status[i] = static_cast<std::int32_t>(tick.status());
-    store(session, worlds_[i]);
-  }
-  static void load(Guarded& session, WarmState& world) {
-    if (world.empty()) return session.halt().resume(), session.reset();
-    CarryOver before = CarryOver::from(world);
-    session.halt().keep(before), session.keep(before), session.keep_rows(before);
-  }
-  static void store(Guarded& session, WarmState& world) {
-    CarryOver after = CarryOver::to(world);
-    session.halt().keep(after), session.keep(after), session.keep_rows(after);
+    session.store(worlds_[i]);
   }
 
-  std::vector<WarmState> worlds_;
-  std::vector<std::unique_ptr<Guarded>> sessions_;
+  std::vector<World> worlds_;
+  std::vector<std::unique_ptr<Stacks>> sessions_;
 };
 
 }  // namespace hqp

@@ -127,25 +127,24 @@ class Worlds {
 
   void step(const Table& q, const Table& v, const std::vector<std::tuple<std::string, int, Table>>& targets,
             const OutTable& commands, const Statuses& status, const OutTable& residuals, const OutTable& x) {
-    hqp::Guarded& session = batch_.session();
-    const hqp::Tick& tick = session.tick();
+    const hqp::Stacks& session = batch_.session();
+    const auto [motors, variables, levels] = sizes();
     const auto fits = [&](std::size_t rows, std::size_t width, std::size_t needed) {
       return rows == batch_.count() && width == needed;
     };
-    if (!fits(q.shape(0), q.shape(1), std::size_t(session.line().nq())) ||
-        !fits(v.shape(0), v.shape(1), std::size_t(session.line().nv())) ||
-        !fits(commands.shape(0), commands.shape(1), tick.command().size()) ||
-        !fits(residuals.shape(0), residuals.shape(1), tick.residuals().size()) ||
-        !fits(x.shape(0), x.shape(1), tick.x().size()) || status.shape(0) != batch_.count())
+    if (!fits(q.shape(0), q.shape(1), std::size_t(std::get<0>(state()))) ||
+        !fits(v.shape(0), v.shape(1), std::size_t(std::get<1>(state()))) ||
+        !fits(commands.shape(0), commands.shape(1), motors) || !fits(residuals.shape(0), residuals.shape(1), levels) ||
+        !fits(x.shape(0), x.shape(1), variables) || status.shape(0) != batch_.count())
       throw nb::value_error("an array has the wrong number of worlds or columns");
     std::vector<hqp::BatchTarget> told;
     for (const auto& [name, what, values] : targets) {
-      const std::size_t member = session.references().member(name), size = session.references().width(member, what);
+      const std::size_t element = session.element(name), size = session.width(element, what);
       if (!fits(values.shape(0), values.shape(1), size))
         throw hqp::ReferenceError(name + ": targets must have shape (" + std::to_string(batch_.count()) + ", " +
                                   std::to_string(size) + "), given (" + std::to_string(values.shape(0)) + ", " +
                                   std::to_string(values.shape(1)) + ")");
-      told.push_back({member, what, values.data(), size});
+      told.push_back({element, what, values.data(), size});
     }
     const nb::gil_scoped_release release;
     batch_.step(q.data(), v.data(), told, commands.data(), status.data(), residuals.data(), x.data());
@@ -160,29 +159,33 @@ class Worlds {
     if (command.size() != std::get<0>(sizes()) || (q && q->size() != std::size_t(nq)) ||
         (v && v->size() != std::size_t(nv)))
       throw nb::value_error("command, q or v: wrong shape");
-    batch_.change(i, [&](hqp::Guarded& session) {
+    batch_.change(i, [&](hqp::Stacks& session) {
       session.begin(command.data(), q ? q->data() : nullptr, v ? v->data() : nullptr);
     });
   }
   std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
     const hqp::Tick& tick = batch_.session().tick();
-    return {tick.command().size(), tick.x().size(), tick.residuals().size()};
+    return {tick.command().size(), tick.x().size(), batch_.session().levels()};
+  }
+  void change(std::size_t i, const std::string& stack, double over) {
+    require(i);
+    batch_.change(i, [&](hqp::Stacks& session) { session.change(stack, over); });
   }
   void stop(std::size_t i, const std::string& reason) {
     require(i);
-    batch_.change(i, [&](hqp::Guarded& session) { session.halt().stop(reason); });
+    batch_.change(i, [&](hqp::Stacks& session) { session.current().halt().stop(reason); });
   }
   void resume(std::size_t i) {
     require(i);
-    batch_.change(i, [&](hqp::Guarded& session) { session.halt().resume(); });
+    batch_.change(i, [&](hqp::Stacks& session) { session.current().halt().resume(); });
   }
   std::tuple<int, int> state() {
-    const hqp::Line& line = batch_.session().line();
+    const hqp::Line& line = batch_.session().current().line();
     return {line.nq(), line.nv()};
   }
   // q + dt v of all worlds, out may be q.
   void integrate(const Table& q, const Table& v, double dt, const OutTable& out) {
-    const hqp::Line& line = batch_.session().line();
+    const hqp::Line& line = batch_.session().current().line();
     const std::size_t nq = std::size_t(line.nq()), nv = std::size_t(line.nv()), count = batch_.count();
     if (q.shape(0) != count || v.shape(0) != count || out.shape(0) != count || q.shape(1) != nq || v.shape(1) != nv ||
         out.shape(1) != nq)
@@ -191,7 +194,7 @@ class Worlds {
       line.kinematics()->integrate(q.data() + i * nq, v.data() + i * nv, dt, out.data() + i * nq);
   }
   const char* kind() {
-    const hqp::Line& line = batch_.session().line();
+    const hqp::Line& line = batch_.session().current().line();
     return line.torque() ? "torque" : line.order() == 1 ? "velocity" : "acceleration";
   }
   nb::tuple counters() const { return told(batch_.counters()); }
@@ -256,6 +259,7 @@ NB_MODULE(_session, module) {
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
            "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("reset", &Worlds::reset, "world"_a)
+      .def("change", &Worlds::change, "world"_a, "stack"_a, "over"_a)
       .def("stop", &Worlds::stop, "world"_a, "reason"_a)
       .def("resume", &Worlds::resume, "world"_a)
       .def("begin", &Worlds::begin, "world"_a, "command"_a, "q"_a.none(), "v"_a.none())

@@ -99,14 +99,14 @@ class Guarded {
 
   // Carry the session's state over to the next tick, without pending references and without the rows' state.
   void keep(CarryOver& state) {
-    state.take(good_), state.take(placed_), outgoing_.trend().keep(state);
+    state.take(good_), state.take(placed_), state.take(ordinary_), outgoing_.trend().keep(state);
     state.take(tick_.count_), state.take(tick_.held_);
     state.take(x_.data(), x_.size());
     if (tick_.held_ > 0) rest_->keep(state);
     if (placed_) state.take(good_q_.data(), good_q_.size()), state.take(good_v_.data(), good_v_.size());
     contacts_.keep(state);
     limits_.keep(state);
-    references_.keep(state);
+    references_.keep(state), presence_.keep(state);
   }
   // Carry the state of rows and solver over, which sessions of one stack share.
   void keep_rows(CarryOver& state) {
@@ -206,7 +206,14 @@ class Guarded {
     out_.assign(out_.size(), false);
     line_.go_without(out_), attended_ = false;
   }
-  void share() { references_.share(); }
+  // Another session of its stack will write into the rows; before the first tick.
+  void share() {
+    references_.share();
+    CarryOver state = CarryOver::to_first(initial_);
+    keep(state);
+  }
+  // Share counters and stops with another session.
+  void join(const Guarded& other) { counters_ = other.counters_, halt_ = other.halt_; }
   void pause() { counters_->pause(); }
 
   // Continue from another session of the robot, after x was sent.

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "../common/carry_over.hpp"
 #include "line.hpp"
 
 namespace hqp {
@@ -55,6 +56,7 @@ class Presence {
   void say(std::size_t m, bool in) { said_[m] = in ? 1 : -1; }
   void forget() { std::fill(said_.begin(), said_.end(), 0); }
   void forget_all() { forget(), std::fill(last_.begin(), last_.end(), 0), phase_ = 0; }
+  void keep(CarryOver& state) { state.take(phase_), state.take(last_.data(), last_.size()); }
   // As References::lasting.
   void lasting(bool lasts) { lasting_ = lasts; }
 

@@ -75,7 +75,7 @@ class References {
     renewed_.clear();
   }
   // Another session writes into the line's arrays between ticks.
-  void share() { live_ = true; }
+  void share() { live_ = shared_ = true; }
 
   // The references that an element had last hold as long as it has no other one; else each holds for one tick.
   void lasting(bool lasts) { lasting_ = lasts; }
@@ -169,6 +169,9 @@ class References {
       state.take(given_[k].held);
       state.take(slot.hold.data(), slot.hold.size());
       if (!state.writes()) slot.settle();
+      if (!shared_) continue;
+      state.take(given_[k].last), state.take(given_[k].kept);
+      for (std::vector<double>& numbers : given_[k].numbers) state.take(numbers.data(), numbers.size());
     }
   }
 
@@ -208,7 +211,7 @@ class References {
   bool live_;
   std::vector<Given> given_;
   std::vector<Slot*> renewed_;
-  bool holds_known_ = false, lasting_ = false;
+  bool holds_known_ = false, lasting_ = false, shared_ = false;
 };
 
 }  // namespace hqp

@@ -14,6 +14,38 @@
 
 namespace hqp {
 
+// The state of a session while other worlds are stepped; nothing at first.
+struct World {
+  struct Line {
+    std::size_t stack, number;  // line of a stack
+    WarmState state;
+  };
+  struct Leg {
+    std::size_t route;
+    double ticks;
+    std::size_t lines;  // without the first one, which the leg before ends with
+    WarmState state;
+  };
+  WarmState halt;
+  std::vector<WarmState> rows;  // per stack, nothing if it was not at work so far
+  std::vector<Line> lines;
+  std::vector<Leg> legs;
+  std::size_t at = 0;
+
+  bool empty() const { return lines.empty(); }
+  void clear() {
+    halt.clear(), lines.clear(), legs.clear(), at = 0;
+    for (WarmState& one : rows) one.clear();
+  }
+  std::size_t bytes() const {
+    std::size_t sum = halt.bytes();
+    for (const WarmState& one : rows) sum += one.bytes();
+    for (const Line& one : lines) sum += one.state.bytes();
+    for (const Leg& one : legs) sum += one.state.bytes();
+    return sum;
+  }
+};
+
 class Stacks {
  public:
   static constexpr int kDeepest = 3;  // transitions that may be under way at a time
@@ -52,7 +84,9 @@ class Stacks {
     for (Stack& stack : stacks_) {
       for (const std::string& name : names_) stack.members.push_back(index(*stack.lines[0], name));
       if (stacks_.size() > 1) stack.lines[0]->share();
+      stack.lines[0]->join(*stacks_[0].lines[0]);
     }
+    stale_.assign(stacks_.size(), false);
     current_ = stacks_[0].lines[0].get();
     tick_ = &current_->tick();
   }
@@ -91,16 +125,13 @@ class Stacks {
         legs_.back().transition->end();  // so many changes at a time: the oldest ones end here
         retire();
       }
-      Leg leg{{current_}, nullptr};
+      Leg leg{std::size_t(way - ways_.begin()), over / current_->line().dt(), {current_}, nullptr};
       for (std::size_t k = 1; k < way->through.size(); ++k) {
         Guarded& next = fresh(std::size_t(way->through[k]), leg.lines);
         for (const std::string& held : way->way->stops[k].first_kept) Transition::keep_hold(*current_, next, held);
         leg.lines.push_back(&next);
       }
-      leg.transition = std::make_unique<Transition>(leg.lines, *way->way, over / current_->line().dt(),
-                                                    legs_.empty() ? nullptr : legs_.back().transition.get(), no_hooks_);
-      current_ = leg.lines.back();
-      legs_.push_back(std::move(leg));
+      begin_leg(std::move(leg));
     }
     at_ = to;
   }
@@ -119,14 +150,25 @@ class Stacks {
     if (found != names_.end()) return std::size_t(found - names_.begin());
     return stacks_[0].lines[0]->references().member(name);  // throws, and lists the names
   }
-  // As Guarded::set and Guarded::say, for the stacks at work.
+  // As Guarded::set and Guarded::say, for the stacks at work. Throws ReferenceError if none has the element.
   void set(std::size_t element, int field, const double* values, std::size_t size) {
-    each(element, [&](Guarded& line, std::size_t member) { line.set(member, field, values, size); });
+    require(element, offer(element, field, values, size));
+  }
+  // Return false if no stack at work has the element.
+  bool offer(std::size_t element, int field, const double* values, std::size_t size) {
+    const bool any = each(element, [&](Guarded& line, std::size_t member) { line.set(member, field, values, size); });
     if (field == Reference::kLoad)
       for (const Leg& leg : legs_) leg.transition->measure(names_[element], *values);
+    return any;
   }
   void say(std::size_t element, bool in) {
-    each(element, [&](Guarded& line, std::size_t member) { line.say(member, in); });
+    require(element, each(element, [&](Guarded& line, std::size_t member) { line.say(member, in); }));
+  }
+  // Count of numbers in a field of the element's reference.
+  std::size_t width(std::size_t element, int field) const {
+    std::size_t k = 0;
+    while (stacks_[k].members[element] < 0) ++k;
+    return stacks_[k].lines[0]->references().width(std::size_t(stacks_[k].members[element]), field);
   }
   const std::vector<double>& held(std::size_t element) const {
     const Guarded* line = current_;
@@ -160,10 +202,77 @@ class Stacks {
       for (const auto& line : stack.lines) line->renew();
       stack.lines[0]->reset_rows();
     }
+    stale_.assign(stacks_.size(), false);
     current_->pause();
     phase_.clear(), at_ = 0;
     current_ = stacks_[0].lines[0].get();
     tick_ = &current_->tick();
+  }
+  // Go on with a world, as new if it is empty.
+  void load(World& world) {
+    world.rows.resize(stacks_.size());
+    if (world.empty()) return stacks_[0].lines[0]->halt().resume(), reset();
+    const Guarded* const alone = legs_.empty() ? current_ : nullptr;
+    legs_.clear(), ended_.clear();
+    for (std::size_t k = 0; k < stacks_.size(); ++k) {
+      stale_[k] = world.rows[k].empty();
+      if (stale_[k]) continue;
+      CarryOver rows = CarryOver::from(world.rows[k]);
+      stacks_[k].lines[0]->keep_rows(rows);
+    }
+    std::vector<Guarded*> lines;
+    for (const World::Line& one : world.lines) lines.push_back(&line(one.stack, one.number));
+    for (Guarded* one : lines)
+      if (one != alone || lines.size() > 1) one->renew();
+    current_ = lines[0], at_ = world.at;
+    std::size_t used = 1;
+    for (const World::Leg& one : world.legs) {
+      Leg leg{one.route, one.ticks, {lines[used - 1]}, nullptr};
+      for (std::size_t k = 0; k < one.lines; ++k) leg.lines.push_back(lines[used++]);
+      begin_leg(std::move(leg));
+    }
+    for (std::size_t k = 0; k < lines.size(); ++k) {
+      CarryOver state = CarryOver::from(world.lines[k].state);
+      lines[k]->keep(state);
+    }
+    for (std::size_t k = 0; k < legs_.size(); ++k) {
+      CarryOver state = CarryOver::from(world.legs[k].state);
+      legs_[k].transition->keep(state);
+    }
+    CarryOver halt = CarryOver::from(world.halt);
+    current_->halt().keep(halt);
+    tick_ = legs_.empty() ? &current_->tick() : &legs_.back().transition->tick();
+  }
+  void store(World& world) {
+    tidy();
+    world.rows.resize(stacks_.size());
+    std::vector<std::pair<std::size_t, Guarded*>> lines;
+    if (legs_.empty()) lines.emplace_back(named_[at_], current_);
+    for (std::size_t k = 0; k < legs_.size(); ++k)
+      for (std::size_t i = k > 0 ? 1 : 0; i < legs_[k].lines.size(); ++i)
+        lines.emplace_back(std::size_t(ways_[legs_[k].route].through[i]), legs_[k].lines[i]);
+    world.lines.resize(lines.size()), world.legs.resize(legs_.size());
+    for (std::size_t k = 0; k < lines.size(); ++k) {
+      World::Line& one = world.lines[k];
+      one.stack = lines[k].first, one.number = number(lines[k].first, lines[k].second);
+      CarryOver state = CarryOver::to(one.state);
+      lines[k].second->keep(state);
+    }
+    for (std::size_t k = 0; k < legs_.size(); ++k) {
+      World::Leg& one = world.legs[k];
+      one.route = legs_[k].route, one.ticks = legs_[k].ticks, one.lines = legs_[k].lines.size() - 1;
+      CarryOver state = CarryOver::to(one.state);
+      legs_[k].transition->keep(state);
+    }
+    for (std::size_t k = 0; k < stacks_.size(); ++k) {
+      const bool works = std::any_of(lines.begin(), lines.end(), [&](const auto& one) { return one.first == k; });
+      if (!works && world.rows[k].empty()) continue;
+      CarryOver rows = CarryOver::to(world.rows[k]);
+      stacks_[k].lines[0]->keep_rows(rows);
+    }
+    CarryOver halt = CarryOver::to(world.halt);
+    current_->halt().keep(halt);
+    world.at = at_;
   }
   // Finish every answer from now on, and accept states of any age.
   void without_deadline() {
@@ -194,6 +303,8 @@ class Stacks {
     std::unique_ptr<Way> way;
   };
   struct Leg {  // a transition that is under way to the next one, or to the current stack
+    std::size_t route = 0;
+    double ticks = 0.0;
     std::vector<Guarded*> lines;
     std::unique_ptr<Transition> transition;
 
@@ -230,6 +341,12 @@ class Stacks {
       if (k + 1 == route.through.size() && route.way->direct) eased(route.way->direct->eased.get(), 0);
     }
   }
+  void begin_leg(Leg leg) {
+    leg.transition = std::make_unique<Transition>(leg.lines, *ways_[leg.route].way, leg.ticks,
+                                                  legs_.empty() ? nullptr : legs_.back().transition.get(), no_hooks_);
+    current_ = leg.lines.back();
+    legs_.push_back(std::move(leg));
+  }
   // Forget the transitions that have ended; their ticks stay until the next step.
   void tidy() {
     if (legs_.empty()) return;
@@ -260,28 +377,43 @@ class Stacks {
     for (const auto& line : stack.lines) line->all_in();
     std::size_t at = 0;
     while (at < stack.lines.size() && works(stack.lines[at].get(), others)) ++at;
-    if (at == stack.lines.size()) {
-      stack.lines.push_back(Guarded::made(stack.source));
-      stack.lines[at]->share();
-      if (unlimited_) stack.lines[at]->without_deadline();
-    }
-    Guarded& line = *stack.lines[at];
+    Guarded& line = this->line(k, at);
+    if (stale_[k]) stack.lines[0]->reset_rows(), stale_[k] = false;
     line.renew();
     if (line.knows(phase_)) line.phase(phase_);
     return line;
   }
   template <class Do>
-  void each(std::size_t element, const Do& run) {
+  bool each(std::size_t element, const Do& run) {
     tidy();
     bool any = false;
-    const auto one = [&](Guarded& line) {
-      const int member = index(line, names_[element]);
+    const auto one = [&](std::size_t stack, Guarded& line) {
+      const int member = stacks_[stack].members[element];
       if (member >= 0) run(line, std::size_t(member)), any = true;
     };
-    if (legs_.empty()) one(*current_);
+    if (legs_.empty()) one(named_[at_], *current_);
     for (std::size_t k = 0; k < legs_.size(); ++k)
-      for (std::size_t i = k > 0 ? 1 : 0; i < legs_[k].lines.size(); ++i) one(*legs_[k].lines[i]);
+      for (std::size_t i = k > 0 ? 1 : 0; i < legs_[k].lines.size(); ++i)
+        one(std::size_t(ways_[legs_[k].route].through[i]), *legs_[k].lines[i]);
+    return any;
+  }
+  void require(std::size_t element, bool any) const {
     if (!any) throw ReferenceError(names_[element] + ": the stack at work does not have it");
+  }
+  Guarded& line(std::size_t k, std::size_t number) {
+    Stack& stack = stacks_[k];
+    while (stack.lines.size() <= number) {
+      for (const auto& other : stack.lines) other->all_in();
+      stack.lines.push_back(Guarded::made(stack.source));
+      stack.lines.back()->share(), stack.lines.back()->join(*stacks_[0].lines[0]);
+      if (unlimited_) stack.lines.back()->without_deadline();
+    }
+    return *stack.lines[number];
+  }
+  std::size_t number(std::size_t k, const Guarded* line) const {
+    std::size_t found = 0;
+    while (stacks_[k].lines[found].get() != line) ++found;
+    return found;
   }
   std::string known() const {
     std::string found;
@@ -301,6 +433,7 @@ class Stacks {
   std::size_t at_ = 0;  // of named_
   std::string phase_;
   bool unlimited_ = false;
+  std::vector<bool> stale_;  // stacks whose rows are those of another world
   Transition::Hooks no_hooks_;
 };
 

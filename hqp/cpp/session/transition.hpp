@@ -85,6 +85,7 @@ class Transition {
         x_(under_way ? under_way->x_ : stacks_[0]->sent()),
         good_(under_way ? under_way->good_ : stacks_[0]->good()),
         ordinary_(under_way ? under_way->ordinary_ : stacks_[0]->ordinary()),
+        reached_(ordinary_ && !under_way),
         asked_(way.stops.size() == 2) {
     if (stacks_.size() != way_.stops.size()) throw PlanError("a transition needs a session for each of its stacks");
     const Guarded& from = under_way_ ? under_way_->latest() : *stacks_[0];
@@ -105,6 +106,22 @@ class Transition {
     take_way();
   }
   Transition(const Transition&) = delete;
+
+  // Carry over to the next tick, for stacks that have been carried over.
+  void keep(CarryOver& state) {
+    ramp_.keep(state);
+    state.take(x_.data(), x_.size()), state.take(tick_.count_), state.take(held_), state.take(progress_);
+    state.take(good_), state.take(ordinary_), state.take(reached_), state.take(asked_), state.take(begun_);
+    state.take(felt_), state.take(leaving_), state.take(sent_.stack);
+    if (state.writes()) return;
+    order_.clear();
+    for (std::size_t k = 0; k < stacks_.size(); ++k) order_.push_back(k);
+    take_way();
+    sent_.done = false, tick_.held_ = held_;
+    if (!begun_) return;
+    stack(0).lasting(true), stack(1).lasting(!ramp_.arriving() || leaving_);
+    if (Easing* const ease = easings_[ramp_.at()].get()) stack(ease->second() ? 1 : 0).line().ahead(ease);
+  }
 
   // Load that a contact was measured to bear in the next tick [N].
   void measure(const std::string& name, double load) {
@@ -237,7 +254,7 @@ class Transition {
       const double span = way_.stops[order_[k]].switches ? 0.0 : 1.0;
       const Eased* eased = span > 0.0 ? stop(k + 1).eased.get() : nullptr;
       // with tasks out of reach on the way out their answer moves too fast with what is asked of a contact that goes
-      if (eased && !eased->second && (!ordinary_ || under_way_)) eased = nullptr;
+      if (eased && !eased->second && !reached_) eased = nullptr;
       spans.push_back(span);
       easings_.push_back(eased ? std::make_unique<Easing>(stacks_[order_[k + (eased->second ? 1 : 0)]]->line(), *eased)
                                : nullptr);
@@ -354,8 +371,9 @@ class Transition {
   Ramp ramp_;
   RateLimiter gradual_;
   std::vector<double> x_, force_;  // x_: sent last
-  bool good_, ordinary_, asked_, begun_ = false, felt_ = false,
-                                 leaving_ = false;  // leaving_: another transition has begun
+  bool good_, ordinary_, reached_, asked_, begun_ = false, felt_ = false,
+                                           leaving_ = false;  // reached_: all tasks were within reach
+                                                              // at first; leaving_: another transition has begun
   std::int64_t held_ = 0;
   std::vector<std::size_t> order_;  // stacks that are passed
   std::vector<std::unique_ptr<Easing>> easings_;
