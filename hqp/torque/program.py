@@ -438,13 +438,14 @@ class TorqueProgram(Program):
         """Force of each reaction constraint on the robot at the latest state [N, N m], -lambda in the sign of eq. (2).
 
         A contact's force ``(3,)`` or wrench ``(6,)`` is in its axes on the ground, those of ``FrictionCone``: z along
-        the normal, x that of the contact's frame projected on the ground; in the world's axes if world.  The force of a
-        constraint between two frames is in the axes of ``relative_to``.
+        the normal, x that of the contact's frame projected on the ground; in the world's axes if world.  The two
+        moments of an edge ``(5,)`` are in the axes of its rows.  The force of a constraint between two frames is in the
+        axes of ``relative_to``.
         """
         force = -self.dynamics.forces(x) * self.assembly.weight[: self._m]
         for name, axes in ({} if world else self.contact_axes()).items():
             part = force[self.assembly.members[name].part]
-            for block in range(0, part.size, 3):
+            for block in range(0, part.size - 2, 3):  # two moments have axes of their own
                 part[block : block + 3] = part[block : block + 3] @ axes
         return {e.name: force[self.assembly.members[e.name].part] for e in self.held}
 
