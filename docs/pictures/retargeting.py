@@ -32,7 +32,7 @@ def pictures(found: Retargeted) -> list[Image.Image]:
         found.robot,
         SIZE,
         look=np.array([*(middle + 0.5 * aside)[:2], 0.5 * height]),
-        distance=2.4 * height + 0.8 * around,
+        distance=2.4 * height + 0.8 * around + 0.6 * float(aside[1]),
         azimuth=180.0,
         elevation=-12.0,
     )
