@@ -37,6 +37,9 @@ class Wheel:
     axle: tuple[float, float, float]
 
 
+_DECIMALS = 1e-5
+"""Configurations of files are rounded to five decimals [rad, m]."""
+
 LIVE = ("data", "current", "_measure", "_views", "_bodies", "_tree")
 """Live parts of a robot: views into its data, made anew in a copy."""
 
@@ -107,6 +110,9 @@ class Robot:
             home = description.home if description and description.home is not None else pin.neutral(model)
         self.set_home(home)
         self.configurations = {key: self._coupled(q) for key, q in self.configurations.items()}
+        outside = {key: self._inside(q, _DECIMALS)[1] for key, q in self.configurations.items()}
+        if told := "; ".join(f"{key}: {', '.join(names)}" for key, names in outside.items() if names):
+            self.notes += (f"configurations outside the limits of joints: {told}",)
         self._units = unit_parts(model)
         self._begin()
 
@@ -127,10 +133,15 @@ class Robot:
                 "; robot.configuration(angles) makes a configuration from joint angles" if q.shape == (self.nv,) else ""
             )
             raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},){hint}")
-        self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper, self.cones)
+        self.home, moved = self._inside(q)
         self.home = self._coupled(self.home)
         if moved:
             self.notes += (f"home was moved into the limits of {', '.join(moved)}",)
+
+    def _inside(self, q: Vec, slack: float = 0.0) -> tuple[Vec, list[str]]:
+        """q with its joints moved into their limits, and the names of those outside by more than a slack [rad, m]."""
+        cones = {name: most + slack for name, most in self.cones.items()}
+        return self._joints.inside(self.model, q, self.lower - slack, self.upper + slack, cones)
 
     def _coupled(self, q: Vec) -> Vec:
         """q with each follower of the file's couplings where its leaders put it; followers may lead others."""

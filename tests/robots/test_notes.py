@@ -114,3 +114,16 @@ def test_ranges_without_a_use_are_refused_or_noted(seed: int, tmp_path: Path) ->
     assert np.isinf(robot.upper).all()
     robot = load(tmp_path, text.replace(f"{motor}", f'<velocity joint="{name}" kv="2"/>{motor}'))
     assert f"joints with several actuators have one motor, of their smallest limit: {name}" in robot.notes
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_configurations_outside_the_limits_are_noted(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    text = chain({}).replace("<joint ", '<joint range="-60 60" limited="true" ')
+    values = rng.choice([0.5, 2.0], (2, len(JOINTS)))
+    values[0, 0] = 2.0
+    keys = "".join(f'<key name="k{k}" qpos="{" ".join(map(str, row))}"/>' for k, row in enumerate(values))
+    robot = load(tmp_path, text.replace("</worldbody>", f"</worldbody><keyframe>{keys}</keyframe>"))
+    (note,) = [note for note in robot.notes if note.startswith("configurations outside")]
+    outside = {f"k{k}": ", ".join(np.array(JOINTS)[row > 1.1]) for k, row in enumerate(values)}
+    assert note.partition("joints: ")[2] == "; ".join(f"{key}: {names}" for key, names in outside.items() if names)
