@@ -5,34 +5,130 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
+from hqp.arrays import FLOAT, Vec
 from hqp.declare.element import Element
 from hqp.declare.law import Law
-from hqp.declare.price import Price, affordable, as_price, is_exact
-from hqp.declare.reference import Reference
+from hqp.declare.price import Price, Priced, affordable, as_price, is_exact
 from hqp.declare.robot import Robot
+from hqp.declare.safety import RateLimits
 from hqp.declare.stack import Stack, coupled
-from hqp.loop.checks import turning, twin_of, units_of
-from hqp.loop.document import live_tree
+from hqp.explanation.notes import STATUSES
+from hqp.loop.checks import turning, units_of
 from hqp.loop.guards import following, largest_change, motor_limits, rate_limiter
 from hqp.loop.presence import PhaseLaws, Presence
-from hqp.loop.tick import Layout
 from hqp.loop.way import Waypoint, path
+from hqp.problem import Solution, Stats, Status
 from hqp.programs.assembly import kinematics
-from hqp.programs.formulation import Program
+from hqp.programs.formulation import Formulation, Program
 from hqp.programs.rest import Holding
 from hqp.solvers.base import Solver, Workspace
+from hqp.solvers.second_opinion import STUCK
 
 if TYPE_CHECKING:
     from hqp._assembly import Kinematics
-    from hqp.loop.controller import Controller
 
 MEASURES = ("acceleration", "braking")
 """Fields of JointLimits and BallLimits that slow commands by default."""
 
 KEPT = 16
 """Stacks whose compiled form a session keeps; one that was completed counts as two."""
+
+
+ANSWERED, STAGED = 1, 2
+"""Bits of the last byte: the solver gave an answer, and it is that of stages."""
+
+
+class Layout:
+    """Layout of the records of one program: numbers, then marks of rows and a byte (hqp/cpp/session/record.hpp)."""
+
+    def __init__(self, program: Program, robot: Robot, *, moves: bool) -> None:
+        """moves: true if a record holds the next q."""
+        problem, motors = program.problem, robot.actuated.size
+        n, rows = problem.n, [level.m for level in problem.levels]
+        sizes = (motors, n, n, sum(rows), 6, robot.nq, robot.nv, robot.nq if moves else 0)
+        ends = list(accumulate(sizes))
+        parts = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+        self._command, self._x, self._answer, self._slack, self._stats, self._q, self._v, self._moved = parts
+        self._length, self._moves = ends[-1], moves
+        level_ends = [0, *accumulate(rows)]
+        self._rows = [slice(a, b) for a, b in pairwise(level_ends)]
+        self._total, self._n = level_ends[-1], n
+        self._picks = None if program.kind == "torque" else robot.actuated
+        self.width = motors
+        """Numbers of the command, the first of a record."""
+        self.q_shape, self.v_shape = (robot.nq,), (robot.nv,)
+        self.rest, self.zero = np.zeros(robot.nv), np.zeros(n)
+        self.zero.setflags(write=False)
+
+    def _part(self, record: bytearray, part: slice) -> Vec:
+        return np.frombuffer(record, FLOAT, part.stop - part.start, 8 * part.start)
+
+    def x(self, record: bytearray) -> Vec:
+        """The sent x ``(n,)``, read-only."""
+        x = self._part(record, self._x)
+        x.setflags(write=False)
+        return x
+
+    def answer(self, record: bytearray) -> Vec:
+        """The x of the solver ``(n,)``."""
+        return self._part(record, self._answer)
+
+    def slacks(self, record: bytearray) -> Vec:
+        """Slacks of all rows at the solver's x."""
+        return self._part(record, self._slack)
+
+    def state(self, record: bytearray) -> tuple[Vec, Vec]:
+        """q and v of the tick."""
+        return self._part(record, self._q).copy(), self._part(record, self._v).copy()
+
+    def moved(self, record: bytearray) -> tuple[Vec, Vec] | None:
+        """q and v one period later, at velocity level."""
+        if not self._moves:
+            return None
+        return self._part(record, self._moved).copy(), self._part(record, self._x).copy()
+
+    def seconds(self, record: bytearray) -> tuple[float, float, float]:
+        """Start of the native call on the clock of ``perf_counter``, and the time for rows and for the solver [s]."""
+        begin, rows, solve, *_ = self._part(record, self._stats).tolist()
+        return begin, rows, solve
+
+    def send(self, record: bytearray, x: Vec) -> None:
+        """Write another x and its command."""
+        self._part(record, self._x)[:] = x
+        self._part(record, self._command)[:] = x if self._picks is None else x[self._picks]
+
+    def solution(self, record: bytearray) -> Solution | None:
+        """Answer of the solver, None if it did not run."""
+        if not record[-1] & ANSWERED:
+            return None
+        _, _, solve, iterations, factorisations, severity = self._part(record, self._stats).tolist()
+        points = None
+        if record[-1] & STAGED:
+            count = len(self._rows)
+            points = np.frombuffer(record, FLOAT, count * self._n, 8 * self._length).reshape(count, self._n).copy()
+        marks = np.frombuffer(record, np.int8, self._total, len(record) - 1 - self._total)
+        slack, status = self.slacks(record), STATUSES[int(severity)]
+        for shared in (answer := self.answer(record), slack, marks):
+            shared.setflags(write=False)
+        return Solution(
+            answer,
+            status,
+            tuple(slack[part] for part in self._rows),
+            tuple(marks[part] for part in self._rows),
+            Stats(int(iterations), int(factorisations), 0.0, solve),
+            STUCK if status is Status.NOT_CERTIFIED else "",
+            stage_points=points,
+        )
+
+
+def staged(record: bytearray) -> bool:
+    """Return true if the answer has stage points."""
+    return record[-1] > ANSWERED
 
 
 @dataclass(slots=True, eq=False)
@@ -60,7 +156,8 @@ class Compiled:
     call: object
     moving: Kinematics | None
     layout: Layout
-    _tree: dict[str, Any] | None = None
+    tree: dict[str, Any] | None = None
+    """Of native sessions over the arrays of the program, once one was made."""
 
     @property
     def native_solver(self) -> bool:
@@ -72,22 +169,26 @@ class Compiled:
         """Whether native kinematics know all joints."""
         return self.moving is not None
 
-    def tree(self, callbacks: object) -> dict[str, Any]:
-        """What a native session over the arrays of the program is made of; nothing is out of it."""
-        program = self.program
-        program.go_without(frozenset())
-        with twin_of(self.robot) as twin:
-            home = twin.state(twin.home)
-            if self._tree is None:
-                self._tree = live_tree(self, home)
-            program.begin_direct(home, {element.name: Reference(element.name) for element in self.stack})
-        return {**self._tree, "callbacks": callbacks}
+
+class Declared(Protocol):
+    """Interface of a controller."""
+
+    @property
+    def formulation(self) -> Formulation: ...
+    @property
+    def solver(self) -> str | Solver: ...
+    @property
+    def price(self) -> Priced: ...
+    @property
+    def rates(self) -> RateLimits | None: ...
+    @property
+    def calm(self) -> bool: ...
 
 
 class Compiler:
     """Compiles stacks for one controller on one robot, and keeps the latest of them."""
 
-    def __init__(self, controller: Controller, robot: Robot, dt: float, guards: Mapping[str, Any]) -> None:
+    def __init__(self, controller: Declared, robot: Robot, dt: float, guards: Mapping[str, Any]) -> None:
         """guards: without what a program decides, see ``hqp.loop.document.guards``."""
         self._controller, self._robot, self._dt, self._guards = controller, robot, dt, guards
         self._deadline: float = guards["deadline"]

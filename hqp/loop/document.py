@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hqp.arrays import Vec
 from hqp.declare.element import Constraint, Element, Inequality, has
 from hqp.declare.fingerprint import fingerprint
 from hqp.declare.plans import Constant
+from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.safety import Braking, StateBounds
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
+from hqp.loop.checks import twin_of
 from hqp.loop.guards import state_bounds
 from hqp.loop.presence import phase_law_parts
 from hqp.loop.way import way_parts
 from hqp.problem import Status
 from hqp.programs.assembly import LARGEST
+from hqp.sequence import Stepped
 from hqp.solvers.lexicographic import levels
 from hqp.solvers.second_opinion import STUCK
 from hqp.solvers.stages import law_parts
@@ -26,8 +29,7 @@ from hqp.tolerances import VIOLATION_TOLERANCE
 if TYPE_CHECKING:
     from hqp.declare.law import Law
     from hqp.declare.stack import Stack
-    from hqp.loop.compiled import Compiled
-    from hqp.loop.session import Session
+    from hqp.loop.compiled import Compiled, Compiler
     from hqp.loop.way import Waypoint
     from hqp.sequence import Sequence
 
@@ -71,10 +73,33 @@ def live_tree(compiled: Compiled, home: State) -> dict[str, Any]:
     }
 
 
+def session_tree(compiled: Compiled, callbacks: object) -> dict[str, Any]:
+    """Parts of a native session over the arrays of a program, with all elements in."""
+    program = compiled.program
+    program.go_without(frozenset())
+    with twin_of(compiled.robot) as twin:
+        home = twin.state(twin.home)
+        if compiled.tree is None:
+            compiled.tree = live_tree(compiled, home)
+        program.begin_direct(home, {element.name: Reference(element.name) for element in compiled.stack})
+    return {**compiled.tree, "callbacks": callbacks}
+
+
+class Exported(Stepped[Any], Protocol):
+    """Interface of a session for a file."""
+
+    robot: Robot
+    deadline: float
+
+    @property
+    def declared(self) -> Stack: ...
+    def compiler(self, robot: Robot) -> Compiler: ...
+
+
 class Writer:
     """Compiles the stacks of a session for a file, each on a robot of its own."""
 
-    def __init__(self, session: Session, sequence: Sequence | None) -> None:
+    def __init__(self, session: Exported, sequence: Sequence | None) -> None:
         self._session, self._laws = session, {} if sequence is None else sequence.laws()
 
     def another(self, stack: Stack) -> tuple[Compiled, dict[str, Any], list[Vec]]:
@@ -109,13 +134,13 @@ class Writer:
 
     def declared(self, compiled: Compiled) -> Stack:
         """The stack at work as it was declared, if it is that of the controller."""
-        declared = self._session.controller.stack
+        declared = self._session.declared
         same = self._session.compiler(compiled.robot).completed(declared) == compiled.stack
         return declared if same else compiled.stack
 
 
 def document(
-    session: Session, sequence: Sequence | None, stacks: Mapping[str, Stack] | None = None
+    session: Exported, sequence: Sequence | None, stacks: Mapping[str, Stack] | None = None
 ) -> tuple[dict[str, Any], list[Vec]]:
     """The tree of a session whose stacks are compiled anew, and the arrays whose numbers do not matter.
 

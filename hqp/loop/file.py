@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 import hqp
 from hqp.errors import DeclarationError, HqpError
-from hqp.loop.document import document
+from hqp.loop.document import Exported, document
 
 if TYPE_CHECKING:
     from hqp.declare.stack import Stack
-    from hqp.loop.session import Session
     from hqp.sequence import Sequence
 
 
@@ -165,7 +164,7 @@ FORMAT = 1
 
 
 def text(
-    session: Session,
+    session: Exported,
     sequence: Sequence | None = None,
     key: bytes | None = None,
     stacks: Mapping[str, Stack] | None = None,
@@ -189,7 +188,7 @@ def key_bytes(key: bytes | None) -> bytes:
 
 
 def write(
-    session: Session,
+    session: Exported,
     path: str | os.PathLike[str],
     sequence: Sequence | None = None,
     key: bytes | None = None,

@@ -21,7 +21,7 @@ from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.explanation.questions import HeldBackNotes, Teller
 from hqp.loop.callbacks import Callbacks
 from hqp.loop.compiled import Compiled
-from hqp.loop.document import assumed
+from hqp.loop.document import assumed, session_tree
 from hqp.loop.guards import Turn, alone, refuse
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick
@@ -88,7 +88,7 @@ class Line:
         self.named: tuple[Reference, ...] | dict[str, Any] = ()
         self.good = self.begun = self.lasting = False
         self.callbacks = Callbacks(compiled, self.robot, self.presence, holds or {})
-        self.native: Live = native.Live(compiled.tree(self.callbacks))
+        self.native: Live = native.Live(session_tree(compiled, self.callbacks))
         self._attentive = self.callbacks.attentive
         self._given = dict(holds or {})
         self.hold(self._given)

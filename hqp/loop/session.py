@@ -317,6 +317,11 @@ class Session:
         for point in self._compiler.way(self.line.compiled, stack)[1:]:
             self._compiler.compile(point.stack)
 
+    @property
+    def declared(self) -> Stack:
+        """The stack of the controller."""
+        return self.controller.stack
+
     def compiler(self, robot: Robot) -> Compiler:
         """Compiler of the session's stacks for another robot of the kind."""
         return Compiler(self.controller, robot, self.dt, self._guards)

@@ -18,7 +18,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from hqp.programs.formulation import Program
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Robot
-    from hqp.loop.compiled import Compiled
 
 
 def surviving(before: Stack, after: Stack) -> tuple[str, ...]:
@@ -167,7 +166,16 @@ LIGHT = 0.25
 """A contact that was measured to bear no more than this share of the weight is let go as it is."""
 
 
-def way_parts(points: Sequence[Waypoint], compiled: Sequence[Compiled], robot: Robot) -> dict[str, Any]:
+class Ready(Protocol):
+    """Interface of a compiled stack."""
+
+    @property
+    def stack(self) -> Stack: ...
+    @property
+    def program(self) -> Program: ...
+
+
+def way_parts(points: Sequence[Waypoint], compiled: Sequence[Ready], robot: Robot) -> dict[str, Any]:
     """Parts of a native transition (hqp/cpp/session/transition.hpp) for these stacks and their programs."""
     torque = compiled[0].program.kind == "torque"
     gone = () if torque else without_successor(points[0].stack, points[-1].stack)
@@ -185,9 +193,9 @@ def way_parts(points: Sequence[Waypoint], compiled: Sequence[Compiled], robot: R
 
 
 def _stop(
-    first: tuple[Waypoint, Compiled],
-    before: tuple[Waypoint, Compiled],
-    stop: tuple[Waypoint, Compiled],
+    first: tuple[Waypoint, Ready],
+    before: tuple[Waypoint, Ready],
+    stop: tuple[Waypoint, Ready],
     *,
     released: bool,
 ) -> dict[str, Any]:
@@ -203,9 +211,7 @@ def _stop(
     }
 
 
-def eased(
-    before: tuple[Waypoint, Compiled], after: tuple[Waypoint, Compiled], *, released: bool
-) -> dict[str, Any] | None:
+def eased(before: tuple[Waypoint, Ready], after: tuple[Waypoint, Ready], *, released: bool) -> dict[str, Any] | None:
     """The rows that only one stack of a pair has, None where the stacks differ in more than these.
 
     A contact that comes is where it is to be.

@@ -139,6 +139,42 @@ def everything(name: str, path: Path, known: dict[str, Path]) -> set[str]:
     return found & known.keys()
 
 
+TANGLED = (
+    {
+        "hqp.goals.native", "hqp.goals.reaching", "hqp.goals.search", "hqp.goals.ways_out", "hqp.loop.controller",
+        "hqp.loop.line", "hqp.loop.session", "hqp.loop.stuck", "hqp.loop.tick", "hqp.loop.transition",
+    },
+    {f"hqp.tasks.collision{part}" for part in ("", "_motion", "_pairs", "_scene", "_world")},
+    {f"hqp.motion.{part}" for part in ("export", "page", "retargeted", "scrubber")},
+    {f"hqp.robots.{part}" for part in ("carried", "kinematic_tree", "on_pinocchio", "state")},
+)  # fmt: skip
+"""Cycles of more than three files that remain; shrink them."""
+
+
+def cycles(graph: dict[str, set[str]]) -> list[set[str]]:
+    """Sets of nodes that reach each other, of two and more."""
+    reached: dict[str, set[str]] = {}
+    for start in graph:
+        found, ahead = set[str](), [start]
+        while ahead:
+            for name in graph[ahead.pop()] - found:
+                found.add(name)
+                ahead.append(name)
+        reached[start] = found
+    sets = {frozenset(other for other in reached[name] if name in reached[other]) for name in graph}
+    return [set(one) for one in sets if len(one) > 1]
+
+
+def test_no_more_than_three_files_import_each_other() -> None:
+    """Typed and late imports count, inside rooms, too; packages give the names of their files and do not count."""
+    known = {n: path for n, path in modules().items() if n.startswith("hqp.") and path.name != "__init__.py"}
+    graph = {name: everything(name, path, known) - {name} for name, path in known.items()}
+    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [{"b", "c"}]
+    large = [one for one in cycles(graph) if len(one) > 3]
+    assert [sorted(one) for one in large if not any(one <= other for other in TANGLED)] == []
+    assert len(large) == len(TANGLED), "a cycle has shrunk: shorten TANGLED"
+
+
 def test_rooms_know_only_what_stands_on_lower_floors() -> None:
     known = modules()
     floor = {name: k for k, names in enumerate(FLOORS) for name in names}
