@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, right_vectors
 from hqp.collision_library import Placement, coal
 from hqp.progress import tracked
 from hqp.shapes import LinkCapsule
@@ -92,7 +92,7 @@ def _halved(room: Room, part: Surface, capsule: Capsule) -> tuple[Surface, Surfa
     """The cut whose two capsules waste the least room; None for a surface that is a point or a segment."""
     points = part.triangles.reshape(-1, 3)
     a, b, _ = capsule
-    axes = [*np.linalg.svd(_hull(points) - points.mean(axis=0), full_matrices=True)[2], *np.eye(3)]
+    axes = [*right_vectors(_hull(points) - points.mean(axis=0))[1], *np.eye(3)]
     if np.linalg.norm(b - a) > 1e-6:
         axes.append((b - a) / np.linalg.norm(b - a))
     best, least = None, math.inf
@@ -145,7 +145,7 @@ class Room:
         mesh.buildConvexRepresentation(True)
         self._hull, self._mesh = mesh.convex, mesh
         spread = hull.points[hull.vertices] - points.mean(axis=0)
-        sizes = np.ptp(spread, axis=0), np.ptp(spread @ np.linalg.svd(spread)[2].T, axis=0)
+        sizes = np.ptp(spread, axis=0), np.ptp(spread @ right_vectors(spread)[1].T, axis=0)
         self.allowed = TIGHT * max(NEAR, SHARE * min(float(s.max()) for s in sizes))
 
     def waste(self, capsule: Capsule) -> float:
@@ -192,7 +192,7 @@ def _corners(part: Surface) -> tuple[Mat, Vec]:
 def _roughly(points: Mat, radii: Vec) -> Capsule:
     """A capsule around balls, its axis the best of a few directions."""
     centre = points.mean(axis=0)
-    tried = [_around(points, radii, centre, d) for d in (*np.linalg.svd(points - centre)[2], *_DIRECTIONS[:9])]
+    tried = [_around(points, radii, centre, d) for d in (*right_vectors(points - centre)[1], *_DIRECTIONS[:9])]
     return min(tried, key=_volume)
 
 
@@ -204,7 +204,7 @@ def _fit_one(points: Mat, radii: Vec) -> Capsule:
     outer = np.unique(np.argmax(reach[:, 0] + radii[:, None], axis=0))
     few, small = points[outer], radii[outer]
     centre = points.mean(axis=0)
-    starts = [*np.linalg.svd(points - centre)[2], *_DIRECTIONS]
+    starts = [*right_vectors(points - centre)[1], *_DIRECTIONS]
     ranked = sorted(starts, key=lambda d: _volume(_around(few, small, centre, d)))
     found = [
         minimize(

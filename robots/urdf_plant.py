@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import Mat
+from hqp.arrays import Mat, right_vectors
 from hqp.errors import ModelError, ModelWarning
 
 from . import xml_lines
@@ -160,7 +160,7 @@ def hull(cloud: Mat) -> tuple[Mat, Any]:
     try:
         found = ConvexHull(cloud)
     except QhullError:
-        axes = np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=True)[2] * _THIN
+        axes = right_vectors(cloud - cloud.mean(axis=0))[1] * _THIN
         thin = axes[np.ptp((cloud - cloud.mean(axis=0)) @ axes.T, axis=0) < 1e-2 * _THIN**2]
         for axis in thin if len(thin) else axes[2:]:
             cloud = np.vstack((cloud - 0.5 * axis, cloud + 0.5 * axis))
