@@ -4,6 +4,7 @@ ros2 run ... or: python ros2_node.py STACK.toml ROBOT
 """
 
 import sys
+from time import monotonic
 
 import numpy as np
 import rclpy
@@ -21,15 +22,16 @@ class StackNode(Node):
     def __init__(self, stack_file: str, robot_name: str) -> None:
         super().__init__("hqp")
         self.robot = hqp.robots.load(robot_name)
-        self.session = hqp.Controller(serial.load(stack_file)).session(self.robot, dt=0.002)
-        self.q = None
+        self.session = hqp.Controller(serial.load(stack_file)).session(self.robot, dt=0.002, max_age=0.05)
+        self.q, self.seen = None, 0.0
         self.v = np.zeros(self.robot.nv)
         self.create_subscription(JointState, "joint_states", self.take, 10)
         self.publisher = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.create_timer(0.002, self.step)
 
     def take(self, message: JointState) -> None:
-        """Start the loop from the first measured state; afterwards it closes over the command."""
+        """Start the loop from the first measured state; afterwards it closes over the command while states come."""
+        self.seen = monotonic()
         if self.q is not None:
             return
         places = dict(zip(message.name, message.position, strict=True))
@@ -43,7 +45,7 @@ class StackNode(Node):
         """Run one tick."""
         if self.q is None:
             return
-        tick = self.session.step(self.robot.state(self.q, self.v))
+        tick = self.session.step(self.robot.state(self.q, self.v, time=self.seen))
         if not tick.status.usable:
             self.get_logger().warning(f"{tick.status.name}: {tick.notes}", throttle_duration_sec=1.0)
         self.q, self.v = tick.advance()

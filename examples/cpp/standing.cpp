@@ -101,7 +101,7 @@ int main(int argc, char** argv) {
     }
     map.state(data, q.data(), v.data());
     const Clock::time_point begin = Clock::now();
-    const hqp::Tick& tick = session.step(q, v);
+    const hqp::Tick& tick = session.step(q, v, data->time, data->time);
     times.push_back(std::chrono::duration<double, std::micro>(Clock::now() - begin).count());
     if (!tick.solved()) {
       ++unsolved;

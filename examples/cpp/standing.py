@@ -28,5 +28,5 @@ stack = Stack(
         t.TorqueLimits(),
     ],
 )
-hqp.Controller(stack, hqp.Torque()).session(robot, dt=0.001).export(folder / "g1.hqp")
+hqp.Controller(stack, hqp.Torque()).session(robot, dt=0.001, max_age=0.01).export(folder / "g1.hqp")
 mujoco.mj_saveModel(Plant(robot, timestep=0.001).model, str(folder / "g1.mjb"), None)

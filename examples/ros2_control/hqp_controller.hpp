@@ -98,7 +98,9 @@ class HqpController : public controller_interface::ChainableControllerInterface 
   }
 
   // The manager's update_rate has to be that of the plan: the session integrates with its own period.
-  Return update_and_write_commands(const rclcpp::Time&, const rclcpp::Duration&) override {
+  // Joints are read right before; the base is as old as its message. A plan with a max_age refuses older states.
+  Return update_and_write_commands(const rclcpp::Time& time, const rclcpp::Duration&) override {
+    double seen = time.seconds();
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       q_[base_ + i] = state_interfaces_[2 * i].get_value();
       v_[v_.size() - joints_.size() + i] = state_interfaces_[2 * i + 1].get_value();
@@ -106,6 +108,7 @@ class HqpController : public controller_interface::ChainableControllerInterface 
     if (base_ == 7) {
       const auto now = *placed_.readFromRT();
       if (!now) return Return::OK;  // no base yet: no command
+      seen = rclcpp::Time(now->header.stamp).seconds();
       const auto& place = now->pose.pose;
       const auto& rate = now->twist.twist;  // in the child frame: the base's own axes
       const double at[] = {place.position.x,    place.position.y,    place.position.z,   place.orientation.x,
@@ -116,7 +119,7 @@ class HqpController : public controller_interface::ChainableControllerInterface 
       std::copy(speed, speed + 6, v_.begin());
     }
     if (!std::isnan(reference_interfaces_.front())) target_->at(reference_interfaces_);
-    const hqp::Tick& tick = session_->step(q_, v_);  // every status comes with a safe command
+    const hqp::Tick& tick = session_->step(q_, v_, seen, time.seconds());  // every status comes with a safe command
     for (std::size_t i = 0; i < joints_.size(); ++i) command_interfaces_[i].set_value(tick.command()[i]);
     return Return::OK;
   }

@@ -18,6 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--deadline", type=float, metavar="S", help="deadline of a tick [s], 0 for none; default 0.8 dt"
     )
+    parser.add_argument(
+        "--max-age", type=float, metavar="S", help="largest age of a state [s]: steps then need its time"
+    )
     parser.add_argument("--key", metavar="FILE", help="file with the key of the site, to sign the plan")
     parser.add_argument("--output", "-o", metavar="FILE.hqp", required=True, help="plan file to write")
 
@@ -29,7 +32,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     stack, robot, formulation = read_stack(arguments)
     deadline = None if arguments.deadline is None else arguments.deadline or math.inf
-    session = Controller(stack, formulation, deadline=deadline).session(robot, arguments.dt)
+    session = Controller(stack, formulation, deadline=deadline).session(robot, arguments.dt, max_age=arguments.max_age)
     key = None if arguments.key is None else Path(arguments.key).read_bytes()
     session.export(arguments.output, serial.load_phases(arguments.stack), key=key)
     print(f"{arguments.output}: {len(tuple(session.stack))} elements on {robot.name}")

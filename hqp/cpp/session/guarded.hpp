@@ -223,6 +223,7 @@ class Guarded {
     placed_ = other.placed_, timed_ = other.timed_, budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
     counters_ = other.counters_, halt_ = other.halt_;
+    told_of_age_ = other.told_of_age_;
     if (following_ && other.following_) *following_ = *other.following_;
   }
 
@@ -324,6 +325,8 @@ class Guarded {
       refused_ = why.status == Status::kInvalidState;
       return held_tick(why, false);
     }
+    if (told.time && check_.any_age() && !std::exchange(told_of_age_, true))
+      note({"session", Status::kOptimal, Cause::kAnyAge});
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
     else budget_.skip();
     laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
@@ -552,7 +555,8 @@ class Guarded {
   Clock::time_point begin_, filled_, solved_;
   Answered answer_{};
   std::size_t plain_notes_ = 0;
-  std::int64_t rejected_ = 0;                                          // references in this tick
+  bool told_of_age_ = false;   // true once a note has said that states may be of any age
+  std::int64_t rejected_ = 0;  // references in this tick
   std::shared_ptr<Counters> counters_ = std::make_shared<Counters>();  // of all sessions that follow each other
   Tick tick_;
 };

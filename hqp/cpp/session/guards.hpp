@@ -132,6 +132,7 @@ class StateCheck {
     return bounds_.hold(angles_.data(), q, v, why);
   }
   void of_any_age() { age_.reset(); }
+  bool any_age() const { return !age_; }
 
  private:
   static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py

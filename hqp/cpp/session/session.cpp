@@ -110,6 +110,10 @@ std::string Note::text() const {
     case Cause::kBears:
       return "cannot be released: it still carries " + g3(amount) + " N" +
              (most >= 0.0 ? " and " + g3(most) + " N m" : "") + "; unload it first";
+    case Cause::kAnyAge:
+      return "states tell their time, but the session has no max_age: old states are used, and joints that do not "
+             "follow "
+             "are not found; declare session(..., max_age=...)";
     case Cause::kFollow:
       return std::string(where) + " lacks " + g3(amount) + " " + rows[0].name + " of what it was sent, allowed " +
              g3(allowed) + " " + rows[0].name +
