@@ -12,7 +12,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import ModelError
 
-from . import coupled, mjcf_equalities
+from . import coupled, mjcf_equalities, xml_lines
 from .description import Description
 from .mjcf_names import body_names, joint_names
 from .mjcf_parts import own_joints
@@ -37,16 +37,25 @@ def check(simulated: Any, path: Path | str) -> None:
     """Raise ModelError for ranges that MuJoCo drops since they hold nothing, negative armature, motors of gear 0."""
     joints, motors = joint_names(simulated), [_motor_name(simulated, a) for a in range(simulated.nu)]
     for word, field in _RANGES.items():
-        what, names = ("joint", joints) if field.startswith("jnt") else ("actuator", motors)
-        for name, (low, high) in zip(names, getattr(simulated, field), strict=True):
+        of_joint = field.startswith("jnt")
+        for name, (low, high) in zip(joints if of_joint else motors, getattr(simulated, field), strict=True):
             if low >= high and (low or high):
-                raise ModelError(f'{path}: {what} {name!r}: {word}="{low:g} {high:g}"; allowed: the lower end first')
+                at = _joint(path, name) if of_joint else _actuator(path, name)
+                raise ModelError(f'{at}: {word}="{low:g} {high:g}"; allowed: the lower end first')
     for j, name in enumerate(joints):
         if simulated.dof_armature[simulated.jnt_dofadr[j]] < 0.0:
-            raise ModelError(f"{path}: joint {name!r}: negative armature; allowed: 0 or above")
+            raise ModelError(f"{_joint(path, name)}: negative armature; allowed: 0 or above")
     for a, name in enumerate(motors):
         if int(simulated.actuator_trntype[a]) in _DIRECT and not np.any(simulated.actuator_gear[a]):
-            raise ModelError(f"{path}: actuator {name!r}: gear 0 moves nothing; allowed: another gear")
+            raise ModelError(f"{_actuator(path, name)}: gear 0 moves nothing; allowed: another gear")
+
+
+def _joint(path: Path | str, name: str) -> str:
+    return f"{xml_lines.where(path, './/joint', name)}: joint {name!r}"
+
+
+def _actuator(path: Path | str, name: str) -> str:
+    return f"{xml_lines.where(path, './/actuator/*', name)}: actuator {name!r}"
 
 
 def read(simulated: Any, found: Description, own: frozenset[int]) -> None:

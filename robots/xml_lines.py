@@ -82,6 +82,13 @@ def place(path: Path, element: ET.Element | None) -> str:
     return f"{path}, line {element.line}" if isinstance(element, Element) and element.line else str(path)
 
 
+def where(path: Path | str, elements: str, name: str) -> str:
+    """File and line of the first of some elements, by XPath, with a name; without a line if it is not in this file."""
+    if not isinstance(path, Path):
+        return path
+    return place(path, next((found for found in read(path).iterfind(elements) if found.get("name") == name), None))
+
+
 def named(root: ET.Element, tag: str) -> Iterator[tuple[str, ET.Element]]:
     """Children of a tag with their names."""
     for element in root.findall(tag):

@@ -33,7 +33,7 @@ def chain(attributes: dict[str, list[str]], more: str = "") -> str:
         body = f" gravcomp={words.pop('gravcomp')}" if "gravcomp" in words else ""
         joint = " ".join(f"{word}={value}" for word, value in words.items())
         inside = (
-            f'<body name="{name}" pos=".1 .05 0"{body}><joint name="{name}" axis="0 1 .2" {joint}/>'
+            f'\n<body name="{name}" pos=".1 .05 0"{body}>\n<joint name="{name}" axis="0 1 .2" {joint}/>'
             f'<geom size=".05" pos=".02 .01 .1"/>{inside}</body>'
         )
     return f"<mujoco><worldbody>{inside}</worldbody>{more}</mujoco>"
@@ -106,9 +106,11 @@ def test_ranges_without_a_use_are_refused_or_noted(seed: int, tmp_path: Path) ->
         (motor, 'gear="0"', f"actuator 'm_{name}': gear 0 moves nothing"),
         (joint, 'axis="0 0 0"', "axis too small"),
     ):
+        faulty = text.replace(f'{old} axis="0 1 .2"', old).replace(old, f"{old} {words}")
         with pytest.raises(ModelError, match=rf"chain\.xml.*{told}") as refused:
-            load(tmp_path, text.replace(f'{old} axis="0 1 .2"', old).replace(old, f"{old} {words}"))
+            load(tmp_path, faulty)
         assert "\n" not in str(refused.value)
+        assert f"line {faulty[: faulty.index(old)].count(chr(10)) + 1}" in str(refused.value)
     robot = load(tmp_path, text.replace(joint, f'{joint} range="-60 60" limited="false"'))
     assert f'ranges with limited="false" limit nothing: {name}' in robot.notes
     assert np.isinf(robot.upper).all()

@@ -80,7 +80,10 @@ def drawn(item: Any, count: int, rng: Any) -> Any:
     elif kind == "Ellipsoid":
         at = ball * np.asarray(shape.radii)
     else:
-        corners, faces = np.array(shape.vertices()), [shape.tri_indices(i) for i in range(shape.num_tris)]
+        if kind == "Convex":
+            corners, faces = np.array(shape.points()), [shape.polygons(i) for i in range(shape.num_polygons)]
+        else:
+            corners, faces = np.array(shape.vertices()), [shape.tri_indices(i) for i in range(shape.num_tris)]
         triangles = corners[np.array([(f[0], f[1], f[2]) for f in faces])]
         area = np.linalg.norm(np.cross(*(triangles[:, k] - triangles[:, 0] for k in (1, 2))), axis=1)
         chosen = triangles[rng.choice(len(area), count, p=area / area.sum())]
