@@ -1,7 +1,7 @@
 """Sessions from a file, and checks of states and commands for every session (built from cpp/session)."""
 
 import builtins
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from numpy import int32
@@ -178,20 +178,6 @@ class Transition:
     def begin(self) -> None:
         """Start from the command of the sessions' own ``begin``."""
 
-class RateLimiter:
-    """Limiter of the change of a command, with the name of the limit; inverse: one over the largest change per tick."""
-
-    inverse: Sequence[float]
-
-    def __init__(self, joints: Sequence[str], inverse: Sequence[float], dt: float, name: str) -> None: ...
-
-class ContactWatch:
-    """Counter of the ticks in which the given load of a contact is close to zero."""
-
-    LEAST_LOAD: float
-
-    def __init__(self, names: Sequence[str], dt: float) -> None: ...
-
 class LimitWatch:
     """Counter of alternations of each joint limit between its two sides, by the marks of its rows."""
 
@@ -228,68 +214,32 @@ class Budget:
     def end(self, now: float, cut: bool) -> None:
         """End the tick; cut: the solver was stopped."""
 
-class Rest:
-    """Answers that bring a robot to rest."""
-
-class Brake(Rest):
-    """Answers that brake, at acceleration level."""
-
-    def __init__(self, nv: int, joints: Sequence[int], deceleration: float, dt: float) -> None: ...
-
-class Outgoing:
-    """Commands sent for the answers to a hierarchy, with notes of element, number of a status and text.
-
-    before: the last x sent, true if an answer has been usable before, and the number of the tick.
-    """
+class CutAnswers:
+    """Commands in place of answers to a hierarchy that the deadline has cut; for tests."""
 
     LONGEST: int
-    """Number of cut ticks after which earlier answers no longer predict the next one."""
+    """Ticks after which the answers before are no longer extrapolated."""
 
     def __init__(
         self,
         hierarchy: object,
-        parts: Sequence[tuple[str, int, int, int, Sequence[str]]],
         motors: Sequence[int],
         most: float,
         violation: float,
         sentences: Sequence[str],
+        dt: float,
     ) -> None:
-        """parts: elements of subject_to by name, level, first and last row in it and row names.  motors: their places
-        in x.  most: largest change in a tick towards a cut answer.  violation: VIOLATION_TOLERANCE.  sentences: text of
-        each status."""
+        """motors: their indices in x.  most: largest change of one in a tick towards a cut answer.  violation:
+        VIOLATION_TOLERANCE.  sentences: one per status."""
 
-    def take(
-        self,
-        answer: tuple[int, Vec, Vec, str],
-        before: tuple[Vec, bool, int],
-        rest: Rest,
-        start: Callable[[], tuple[Vec, Vec, Vec | None, Vec | None] | None],
-        contacts: ContactWatch,
-        limiter: RateLimiter | None,
-        x: Vec,
-    ) -> tuple[bool, list[tuple[str, int, str]]]:
-        """Write the answer of a solver, or its replacement, to x; return false if it is unusable, and notes.
-
-        answer: number of its status, x, slacks of all rows, unused if it is OPTIMAL, and detail.  rest, start: as in
-        ``rest``, for this state.
-        """
-
-    def rest(
-        self,
-        rest: Rest,
-        start: Callable[[], tuple[Vec, Vec, Vec | None, Vec | None] | None],
-        fit: bool,
-        held: int,
-        why: int,
-        before: tuple[Vec, bool, int],
-        limiter: RateLimiter | None,
-        x: Vec,
-    ) -> list[tuple[str, int, str]]:
-        """Write the next x towards rest.  start: angles, v, holding and felt of this state, if it is valid, or of the
-        last valid one.  held: ticks at rest so far.  why: status of the tick."""
+    def instead(self, cut: Vec, last: Vec, tick: int, x: Vec) -> list[tuple[str, int, str]]:
+        """Write the command in place of a cut answer into x; return notes.  last: x sent before."""
 
     def solved(self, x: Vec, tick: int) -> None:
-        """Report a solved answer that was sent in a tick."""
+        """Take a solved answer, sent in the tick of that number."""
+
+    def rest(self, last: Vec, tick: int, x: Vec) -> None:
+        """Write the first command towards rest into x."""
 
 class Batch:
     """Worlds from the bytes of a file over threads; raises PlanError with the reason."""

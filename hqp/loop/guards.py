@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable
 from threading import get_ident
 from types import FrameType
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
+from typing import Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -20,11 +20,6 @@ from hqp.declare.robot import Robot
 from hqp.declare.safety import RateLimits, StateBounds, positive
 from hqp.declare.stack import Stack
 from hqp.errors import ConcurrentUse, DeclarationError, UnknownReference, closest
-from hqp.programs.envelope import native
-
-if TYPE_CHECKING:
-    from hqp._session import RateLimiter
-
 
 T = TypeVar("T")
 
@@ -200,10 +195,8 @@ def following(robot: Robot, dt: float, max_age: float, turns: Mask) -> dict[str,
     }
 
 
-def rate_limiter(
-    robot: Robot, limits: RateLimits | None, kind: str, dt: float, name: str = "rate"
-) -> RateLimiter | None:
-    """The limiter of a formulation, by the name that notes have for it; None where nothing is declared for it.
+def rate_limits(robot: Robot, limits: RateLimits | None, kind: str, dt: float) -> list[float] | None:
+    """One over the largest change of each motor's command in a tick, None where nothing is declared for it.
 
     Raises DeclarationError for a sequence of another length than the command's.
     """
@@ -213,6 +206,5 @@ def rate_limiter(
     motors = len(robot.joint_names)
     if isinstance(limit, tuple) and len(limit) != motors:
         raise DeclarationError("RateLimits", kind, value=limit, allowed=f"one number, or {motors} on {robot.name}")
-    inverse = 1.0 / (dt * np.broadcast_to(np.asarray(limit, dtype=np.float64), (motors,)))
-    found: RateLimiter = native.RateLimiter(list(robot.joint_names), inverse.tolist(), dt, name)
-    return found
+    inverse: list[float] = (1.0 / (dt * np.broadcast_to(np.asarray(limit, dtype=np.float64), (motors,)))).tolist()
+    return inverse

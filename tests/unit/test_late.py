@@ -11,7 +11,7 @@ import pytest
 
 import hqp
 from hqp import PD, Hierarchy, Level, Reference, Rows, Selection, Solution, Stack, Status
-from hqp._session import Brake, ContactWatch, Outgoing
+from hqp._session import CutAnswers
 from hqp.arrays import Mat, Vec
 from hqp.lab.measures import MOST_REVERSALS
 from hqp.loop.guards import largest_change
@@ -133,18 +133,12 @@ class Sent:
     def __init__(self, problem: Hierarchy, joints: Sequence[int], most: float) -> None:
         self.n = problem.n
         sentences = [status.value for status in Status]
-        self.outgoing = Outgoing(problem, [], list(joints), most, VIOLATION_TOLERANCE, sentences)
-        self.slack = np.zeros(sum(rows.m for rows in problem.levels))
-        self.rest = Brake(problem.n, list(joints), 1.0, DT)
+        self.outgoing = CutAnswers(problem, list(joints), most, VIOLATION_TOLERANCE, sentences, DT)
 
     def instead(self, cut: Vec, last: Vec, tick: int) -> Vec:
         """Command in place of a cut solution."""
-        x, status = np.empty(self.n), Status.TIME_LIMIT.severity
-        contacts = ContactWatch([], DT)
-        answer, before, rest = (status, cut, self.slack, ""), (last, True, tick), (self.rest, lambda: None)
-        usable, told = self.outgoing.take(answer, before, *rest, contacts, None, x)
-        assert usable
-        assert told == [("solver", status, Status.TIME_LIMIT.value)]
+        x, status = np.empty(self.n), Status.TIME_LIMIT
+        assert self.outgoing.instead(cut, last, tick, x) == [("solver", status.severity, status.value)]
         return x
 
 
@@ -202,7 +196,7 @@ def test_the_trend_is_that_of_solved_answers() -> None:
     def after(tick: int) -> float:
         return float(sent.instead(last, last, tick)[0])
 
-    longest = Outgoing.LONGEST
+    longest = CutAnswers.LONGEST
     assert after(1) == 0.0  # without a solution the command decays to rest
     sent.outgoing.solved(np.array([1.0]), 1)
     assert after(2) == 3.0
@@ -212,7 +206,7 @@ def test_the_trend_is_that_of_solved_answers() -> None:
     assert after(6 + longest) == 3.0
     sent.outgoing.solved(np.array([4.0]), 5)  # twice in one tick: no rate
     assert after(6) == pytest.approx(3.25)
-    sent.outgoing.rest(Brake(1, [0], 1.0, DT), lambda: None, True, 1, 0, (last, True, 6), None, np.empty(1))
+    sent.outgoing.rest(last, 6, np.empty(1))
     assert after(7) == 0.0
 
 

@@ -13,8 +13,8 @@
 
 #include "batch.hpp"
 #include "live.hpp"
-#include "live_guards.hpp"
 #include "node.hpp"
+#include "parts_alone.hpp"
 #include "session.hpp"
 
 namespace nb = nanobind;
@@ -218,7 +218,7 @@ NB_MODULE(_session, module) {
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::exception<hqp::PlanError>(module, "PlanError");
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);
-  binding::bind_guards(module);
+  binding::bind_parts(module);
   nb::class_<binding::LiveSession>(module, "Live")
       .def(nb::init<const nb::object&>(), "tree"_a)
       .def("tell", &binding::LiveSession::tell, "references"_a)

@@ -11,12 +11,14 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "../rows/live_plan.hpp"
 #include "../rows/loop.hpp"
 #include "foreign.hpp"
 #include "line.hpp"
-#include "live_guards.hpp"
 
 namespace binding {
+
+namespace nb = nanobind;
 
 // Calls the methods of an object of hqp/loop/callbacks.py.
 class Callbacks final : public hqp::Foreign {

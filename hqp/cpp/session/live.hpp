@@ -10,6 +10,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 
 #include "../common/capsule.hpp"
 #include "../rows/live_plan.hpp"
@@ -20,6 +21,18 @@
 #include "transition.hpp"
 
 namespace binding {
+
+// Numbers of a vector of that size, null for None.
+template <class Array>
+auto numbers(const Array& x, std::size_t size) {
+  if (x.size() != size)
+    throw nb::value_error(
+        ("a vector has size " + std::to_string(x.size()) + ", needed " + std::to_string(size)).c_str());
+  return x.data();
+}
+inline const double* numbers(const std::optional<Vector>& x, std::size_t size) {
+  return x ? numbers(*x, size) : nullptr;
+}
 
 // Parts of a live session: the tree of hqp/loop/document.py with the native parts of its program.
 class LiveSource {
