@@ -143,12 +143,15 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
         )
         xml_lines.numbers(path, what, joint.find("dynamics"), "0", "damping", "friction")
         xml_lines.numbers(path, what, joint.find("mimic"), "0", "multiplier", "offset")
-        if kind not in ("revolute", "prismatic", "continuous"):
-            continue
+        xml_lines.numbers(path, what, joint.find("calibration"), "0", "rising", "falling")
+        bounds = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
+        xml_lines.numbers(path, what, joint.find("safety_controller"), "0", *bounds)
         if speed < 0.0 or effort < 0.0:
             raise ModelError(
                 f"{xml_lines.place(path, limit)}: {what} has a negative limit (velocity {speed:g}, effort {effort:g})"
             )
+        if kind not in ("revolute", "prismatic", "continuous"):
+            continue
         for word, value in (("velocity", speed), ("effort", effort)):
             if value == 0.0:
                 silent.setdefault(word, []).append(name)

@@ -35,7 +35,8 @@ def read(found: Description, model: Any, kind: Kind) -> Any:
         shapes.loader = loader
         return shapes
     except (ValueError, RuntimeError) as error:
-        raise ModelError(f"{path}: a {kind} shape could not be read: {error}") from error
+        told = " ".join(str(error).rpartition("message:")[2].split())  # coal tells its source file before
+        raise ModelError(f"{path}: a {kind} shape could not be read: {told}") from error
 
 
 def _loader(path: Path) -> Any:

@@ -133,8 +133,9 @@ def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> Non
         motors += [leader] if leader else []
         used += bool(leader)
     found.actuated = tuple(motors) if motors else None
-    if motors and simulated.nu > used:
-        found.notes.append(f"{simulated.nu - used} actuators of the file are ignored: they drive no joint of the robot")
+    if simulated.nu > used:
+        instead = "" if motors else ", and all joints of one axis have a motor instead"
+        found.notes.append(f"{simulated.nu - used} actuators of the file are ignored: they drive no joint{instead}")
 
 
 def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actuator: int, motors: Sequence[str]) -> str:
@@ -176,7 +177,7 @@ def _bounds(simulated: Any, joint: int) -> list[Vec]:
 
 def _pulls(simulated: Any, joint: int) -> list[Vec]:
     """Ranges of the forces that the actuators of a joint transmit."""
-    on_joint = simulated.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    on_joint = np.isin(simulated.actuator_trntype, _DIRECT)
     own = np.flatnonzero((simulated.actuator_trnid[:, 0] == joint) & on_joint)
     return [one for a in own.tolist() for one in _ranges(simulated, a)]
 

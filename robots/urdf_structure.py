@@ -37,7 +37,7 @@ def check(path: Path, root: ET.Element) -> None:
         raise _fault(path, root, f"version {root.get('version')!r} of URDF is not read", "1.0")
     if root.find("link") is None:
         raise _fault(path, root, "a robot without a <link>", "one link or more")
-    for tag in ("link", "joint"):
+    for tag in ("link", "joint", "material"):
         seen: dict[str, ET.Element] = {}
         for name, element in named(root, tag):
             if not element.get("name") or (tag, name) == ("joint", "universe"):

@@ -129,3 +129,16 @@ def test_configurations_outside_the_limits_are_noted(seed: int, tmp_path: Path) 
     (note,) = [note for note in robot.notes if note.startswith("configurations outside")]
     outside = {f"k{k}": ", ".join(np.array(JOINTS)[row > 1.1]) for k, row in enumerate(values)}
     assert note.partition("joints: ")[2] == "; ".join(f"{key}: {names}" for key, names in outside.items() if names)
+
+
+@pytest.mark.parametrize("transmission", ["joint", "jointinparent"])
+def test_an_actuator_limits_its_joint(transmission: str, tmp_path: Path) -> None:
+    motors = "".join(f'<motor {transmission}="{n}" gear="{k + 2}" ctrlrange="-3 3"/>' for k, n in enumerate(JOINTS))
+    robot = load(tmp_path, chain({}, f"<actuator>{motors}</actuator>"))
+    np.testing.assert_allclose(robot.effort_limit, [6.0, 9.0, 12.0, 15.0])
+
+
+def test_actuators_without_a_joint_are_noted(tmp_path: Path) -> None:
+    text = chain({}, '<actuator><motor site="tip" gear="0 0 1"/></actuator>')
+    robot = load(tmp_path, text.replace("<geom", '<site name="tip"/><geom', 1))
+    assert any("1 actuators of the file are ignored" in n and "have a motor instead" in n for n in robot.notes)

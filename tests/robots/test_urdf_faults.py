@@ -112,6 +112,8 @@ FAULTS: dict[str, Any] = {
     "mesh of scale zero": lambda d: shaped(d, '<mesh filename="a.stl" scale="1 0 1"/>'),
     "shape of nan": lambda d: change(d, "<origin", "0 0 .1", "0 nan .1"),
     "shape of words": lambda d: change(d, "<origin", "0 0 .1", "a b c"),
+    "calibration of words": lambda d: change(d, "<axis", "/>", '/><calibration rising="up"/>'),
+    "safety of nan": lambda d: change(d, "<axis", "/>", '/><safety_controller k_velocity="nan"/>'),
     "mimic of nan": lambda d: change(d, "<axis", "/>", '/><mimic joint="j1" multiplier="nan"/>'),
     "mimics nobody": lambda d: change(d, "<axis", "/>", '/><mimic multiplier="2"/>'),
 }
