@@ -1,4 +1,7 @@
-"""A person's motion on a robot, side by side: ``python -m docs.pictures.retargeting FILE ROBOT``."""
+"""A person's motion on a robot, side by side: ``python -m docs.pictures.retargeting FILE ROBOT``.
+
+The film's clip is ``tests/example_files/test_mocapbank.bvh`` in the source archive of bvhtoolbox 0.1.3 (MIT) on PyPI.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,11 @@ def pictures(found: Retargeted) -> list[Image.Image]:
     )
     shown = []
     for k in range(0, len(found), max(1, round(found.fps / FPS))):
+        if not len(
+            found.person_parents
+        ):  # the clip does not say which joints are joined
+            for joint in found.person[k]:
+                studio.ball(joint + aside, BLUE, 0.03)
         for child, parent in enumerate(found.person_parents):
             joint = found.person[k, child] + aside
             if parent >= 0:
