@@ -33,7 +33,7 @@ def check(found: Description) -> None:
         raise _off(found, "mass [kg]", mass, there)
     rng = np.random.default_rng(_SEED)
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
-    state_map, data, here = ModelMap(simulated, model), mujoco.MjData(simulated), model.createData()
+    state_map, data, here = ModelMap(simulated, model), mujoco.MjData(simulated), pin.Data(model)
     data.qpos[:] = state_map.to_mujoco(q, np.zeros(model.nv))[0]
     mujoco.mj_kinematics(simulated, data)
     mujoco.mj_comPos(simulated, data)

@@ -94,7 +94,7 @@ def _link(joint: ET.Element, end: str) -> str:
 
 def _inertia(model: Any) -> Mat:
     """The joint-space inertia where all joints are at zero, ``(nv, nv)``."""
-    data = model.createData()
+    data = pin.Data(model)
     pin.crba(model, data, pin.neutral(model))
     return np.asarray(np.triu(data.M) + np.triu(data.M, 1).T)
 

@@ -24,7 +24,7 @@ WHOLE = {
 def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
     """One for each body but the world; None where a joint is a screw, whose turn and slide are one coordinate."""
     model, found = robot.model, []
-    neutral, data, moving = pin.neutral(model), model.createData(), np.zeros(model.nv)
+    neutral, moving = pin.neutral(model), np.zeros(model.nv)
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.joints[i].shortname()
         kind, axis = WHOLE.get(name), np.array([0.0, 0.0, 1.0])
@@ -32,8 +32,9 @@ def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
             if joint.nv != 1 or name == "JointModelComposite":
                 return None
             moving[joint.idx_v] = 1.0  # this joint alone: the twist of its body is its axis, to the bit
-            pin.forwardKinematics(model, data, neutral, moving)
-            moving[joint.idx_v], twist = 0.0, data.v[i]
+            own = joint.createData()
+            joint.calc(own, neutral, moving)
+            moving[joint.idx_v], twist = 0.0, own.v
             if np.any(twist.linear != 0.0) and np.any(np.abs(twist.angular) > 1e-12):
                 return None  # a screw
             turns = bool(np.any(np.abs(twist.angular) > 1e-12))

@@ -118,7 +118,7 @@ class Robot:
 
     def _begin(self) -> None:
         """Data of its own, with nothing read of it yet."""
-        self.data: Any = self.model.createData()
+        self.data: Any = pin.Data(self.model)
         self._measure: Callable[[Vec, Vec], tuple[float, bool] | None] = measure(self._units, self.nq, self.nv)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
@@ -335,7 +335,7 @@ class Robot:
         at = host.placement * se3(name, placement)
         model.addFrame(pin.Frame(name, host.parentJoint, self.frame(parent), at, pin.FrameType.OP_FRAME))
         clone = self.copy()
-        clone.model, clone.data = model, model.createData()
+        clone.model, clone.data = model, pin.Data(model)
         clone.frame_names = (*self.frame_names, name)
         clone._frames = {**self._frames, name: len(self.frame_names)}
         return clone
