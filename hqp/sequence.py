@@ -34,7 +34,8 @@ class Stepped(Protocol[T_co]):
     dt: float
 
     @property
-    def line(self) -> Any: ...
+    def presence(self) -> Any: ...
+    def obey(self, laws: Mapping[str, Law]) -> None: ...
     @property
     def stack(self) -> Stack: ...
     @property
@@ -207,7 +208,7 @@ class Sequence:
 
     def require(self, session: Stepped[Any]) -> None:
         """Raise DeclarationError where it does not fit a session, as ``run`` does."""
-        presence = session.line.presence
+        presence = session.presence
         for name in presence.phases:
             self.find(name)
         for phase in self.phases:
@@ -291,7 +292,7 @@ class Run(Generic[T]):
         measured = ((r.name, getattr(r, "load", None)) for r in references)
         self.loads = {name: load for name, load in measured if load is not None}
         event = self._advance() if state.valid else ""
-        known = self.phase.name in self.session.line.presence.phases
+        known = self.phase.name in self.session.presence.phases
         tick = self.session.step(state, *references, now=now, phase=self.phase.name if known else None)
         tick.phase, tick.event = self.phase.name, event
         return tick
@@ -317,7 +318,7 @@ class Run(Generic[T]):
     def _begin(self, phase: Phase) -> str:
         self.phase, self.ticks, self._next, self._is_late = phase, 0, None, False
         self.told.clear()
-        self.session.line.guards.laws = self._laws[phase.name]
+        self.session.obey(self._laws[phase.name])
         if action := self.entry.get(phase.name):
             action(self.state)
         return phase.name

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.law import Law
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
@@ -25,6 +26,7 @@ from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.document import guards
 from hqp.loop.guards import Turn, alone, doubts, require
 from hqp.loop.line import Guards, Line
+from hqp.loop.presence import Presence
 from hqp.loop.tick import Tick, Times
 from hqp.loop.transition import change
 from hqp.problem import Hierarchy, Status
@@ -316,6 +318,15 @@ class Session:
     def _prepared(self, stack: Stack) -> None:
         for point in self._compiler.way(self.line.compiled, stack)[1:]:
             self._compiler.compile(point.stack)
+
+    @property
+    def presence(self) -> Presence:
+        """Phases of the stack at work, and the elements that are out in each."""
+        return self.line.presence
+
+    def obey(self, laws: Mapping[str, Law]) -> None:
+        """Take these laws of elements by name from the next tick on, and the declared ones of all others."""
+        self.line.guards.laws = laws
 
     @property
     def declared(self) -> Stack:

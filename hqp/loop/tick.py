@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hqp.declare.robot import State
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
+    from hqp.explanation.counters import Counters
     from hqp.loop.line import Line
     from hqp.programs.formulation import Program
 
@@ -195,6 +196,11 @@ class Tick:
         """Line with the rows of the tick: the session's, or during a change of stack one of the blended ones; None once
         pickled."""
         return self._line
+
+    @property
+    def counters(self) -> Counters:
+        """Counters of the session, up to its latest tick."""
+        return self._live().counters
 
     @property
     def refused(self) -> bool:

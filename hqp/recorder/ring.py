@@ -151,7 +151,7 @@ class Recorder:
         self._quiet = self.ticks
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
         path = self.folder / f"{self._robot.name}_{stamp}_{entry[0].count}.npz"
-        about = {**self._about, "counters": entry[0].line.counters._asdict()}
+        about = {**self._about, "counters": entry[0].counters._asdict()}
         thread = threading.Thread(target=self._write, args=(path, segments, about), name="hqp flight recorder")
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()

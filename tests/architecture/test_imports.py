@@ -310,6 +310,29 @@ def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
     assert not found
 
 
+def through_a_line(node: ast.AST) -> bool:
+    """Whether an expression is a name of a session's line or of its native session: session.line.x, line.native.x."""
+    if not isinstance(node, ast.Attribute) or not isinstance(node.value, ast.Attribute):
+        return False
+    owner, name = node.value.value, node.value.attr
+    named = owner.attr if isinstance(owner, ast.Attribute) else owner.id if isinstance(owner, ast.Name) else ""
+    return (name == "line" and named != "self") or (name == "native" and named in ("line", "session", "run", "tick"))
+
+
+def test_no_module_reaches_into_the_native_session() -> None:
+    found = [node for node in ast.walk(ast.parse("session.line.presence, line.native.holds()")) if through_a_line(node)]
+    assert len(found) == 2
+    wrong = [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}"
+        for folder in ("hqp/**/*.py", "tests/scenes/**/*.py", "benchmarks/**/*.py")
+        for path in sorted(ROOT.glob(folder))
+        if ROOT / "hqp" / "loop" not in path.parents
+        for node in nodes(path)
+        if through_a_line(node) and isinstance(node, ast.Attribute)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def session_like(node: ast.AST) -> bool:
     """Return true if an expression may be a session, a line or a tick: another name or field than self."""
     return not (isinstance(node, ast.Name) and node.id in ("self", "cls", "clone", "found", "other"))
