@@ -14,8 +14,10 @@ import hqp
 from hqp import Level, P, Stack, shapes
 from hqp.collision_library import coal
 from hqp.robots import capsule_files, capsules
+from hqp.robots.surface import Surface
+from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, JointLimits, Posture
-from tests.scenes.collision.surfaces import SHAPES, arm, around, distance, drawn, vectors
+from tests.scenes.collision.surfaces import SHAPES, arm, around, distance, drawn, outside, vectors
 
 
 def judge(robot: Any, found: Any, count: int = 10_000) -> None:
@@ -29,6 +31,20 @@ def judge(robot: Any, found: Any, count: int = 10_000) -> None:
 def test_capsules_contain_the_surface_and_are_tight(kind: str, tmp_path: Path) -> None:
     robot = arm(tmp_path, SHAPES[kind])
     judge(robot, capsules.fitted(robot))
+
+
+@pytest.mark.parametrize("sides", [300, 1000])
+def test_a_fine_disc_has_capsules(sides: int, tmp_path: Path) -> None:
+    """A corner of its hull may have more neighbours than coal's convex shapes take."""
+    turn = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    low = np.column_stack((0.2 * np.cos(turn), 0.2 * np.sin(turn), 0.0 * turn))
+    high, up = low + (0.0, 0.0, 0.05), np.array([0.0, 0.0, 0.05])
+    rings = [(0.0 * low, low, np.roll(low, -1, axis=0)), (0.0 * high + up, high, np.roll(high, -1, axis=0))]
+    rings += [(low, high, np.roll(low, -1, axis=0)), (np.roll(low, -1, axis=0), high, np.roll(high, -1, axis=0))]
+    part = Surface(np.concatenate([np.stack(ring, axis=1) for ring in rings]), np.zeros(4 * sides))
+    links = [LinkCapsule("disc", 1, tuple(a), tuple(b), r) for a, b, r in capsules.fit(part)]
+    assert outside(part.triangles.mean(axis=1), links) < 1e-6
+    assert outside(part.points(), links) < 1e-6
 
 
 def test_capsules_of_several_shapes_on_a_link(tmp_path: Path) -> None:

@@ -123,7 +123,8 @@ class Around:
 
 def around(robot: Any, found: Any, count: int = 10_000) -> list[Around]:
     """Measure the capsules of each link that moves, by ``count`` points on each of its shapes."""
-    rng, items = np.random.default_rng(1), robot.geometry.geometryObjects
+    rng = np.random.default_rng(1)
+    items = [i for i in robot.geometry.geometryObjects if type(i.geometry).__name__ not in ("Halfspace", "Plane")]
     links = []
     for joint in sorted({int(i.parentJoint) for i in items} - {0}):
         own = [c for c in found if c.body == joint]
