@@ -104,7 +104,9 @@ def _worst(graphs: Any, motion: Retargeted) -> Iterator[str]:
         parents = [int(body[0]) if k > 1 else -1 for k, body in enumerate(bodies)]
         figure = graphs.Figure()
         figure.update_layout(template="plotly_white", height=460, margin={"l": 0, "r": 0, "t": 0, "b": 0})
-        figure.update_scenes(aspectmode="data", camera={"eye": {"x": 1.7, "y": 1.7, "z": 0.5}})
+        spans = np.ptp(np.vstack((robot, motion.person[frame])), axis=0)
+        away = float(spans.max() / np.prod(spans) ** (1.0 / 3.0))  # plotly's largest axis: all of it is to be seen
+        figure.update_scenes(aspectmode="data", camera={"eye": {"x": 1.25 * away, "y": 1.25 * away, "z": 0.4 * away}})
         drawn = (("robot", robot, parents), ("person", motion.person[frame], motion.person_parents))
         for name, joints, above in drawn:
             x, y, z = _lines(joints, above).T
@@ -124,8 +126,8 @@ def _lines(joints: Mat, parents: Sequence[int]) -> Mat:
 def _figure(graphs: Any, unit: str, lines: dict[str, Vec], fps: float) -> Any:
     figure = graphs.Figure()
     figure.update_layout(
-        template="plotly_white", height=300, margin={"l": 60, "r": 20, "t": 10, "b": 50}, font={"size": 14},
-        xaxis={"title": "time [s]"}, yaxis={"title": unit}, legend={"orientation": "h", "y": 1.12},
+        template="plotly_white", height=350, margin={"l": 60, "r": 20, "t": 60, "b": 50}, font={"size": 14},
+        xaxis={"title": "time [s]"}, yaxis={"title": unit}, legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"},
     )  # fmt: skip
     for name, values in lines.items():
         figure.add_scatter(x=np.arange(len(values)) / fps, y=np.round(values, 4), name=name, line={"width": 1.5})
