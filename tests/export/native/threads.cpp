@@ -30,10 +30,10 @@ Numbers alone(const Plan& plan) {
 // x of the last tick in every world after equally many ticks; each begins near home.
 Numbers together(const Plan& plan, std::size_t threads) {
   hqp::Batch batch(plan, kWorlds, threads);
-  const Numbers& home = batch.session().robot().home;
+  const Numbers& home = batch.session().current().robot().home;
   const hqp::Tick& tick = batch.session().tick();
-  Numbers q, v(kWorlds * std::size_t(batch.session().line().nv())), commands(kWorlds * tick.command().size());
-  Numbers residuals(kWorlds * tick.residuals().size()), x(kWorlds * tick.x().size());
+  Numbers q, v(kWorlds * std::size_t(batch.session().current().line().nv())), commands(kWorlds * tick.command().size());
+  Numbers residuals(kWorlds * batch.session().levels()), x(kWorlds * tick.x().size());
   std::vector<std::int32_t> status(kWorlds);
   for (std::size_t i = 0; i < kWorlds; ++i) {
     q.insert(q.end(), home.begin(), home.end());
