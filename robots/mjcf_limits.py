@@ -160,9 +160,11 @@ def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actua
         return ""
     ((leader, ratio),) = leading.items()
     ends = [sorted(abs(ratio * x) for x in r) for r in _ranges(simulated, actuator) if np.any(r)]
+    ends += [  # MuJoCo clips the force on each joint of the tendon
+        sorted(abs(ratio / c * x) for x in r) for j, c in known[tendon][0].items() if c for r in _bounds(simulated, j)
+    ]
     joint = found.model.joints[found.model.getJointId(leader)]
-    limit = min((low or high for low, high in ends), default=math.inf)
-    found.model.effortLimit[joint.idx_v] = min(float(found.model.effortLimit[joint.idx_v]), limit)
+    found.model.effortLimit[joint.idx_v] = min((low or high for low, high in ends), default=math.inf)
     found.notes.append(
         f"motor {title} acts by a fixed tendon on {', '.join(terms)}: its joint is {leader}, with {ratio:g} times the "
         "force of the tendon"

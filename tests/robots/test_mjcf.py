@@ -262,6 +262,29 @@ def test_a_gripper_on_one_tendon_has_torques(seed: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-2 * float(np.abs(expected).max()))
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tendon_is_as_strong_as_its_joints_let_it_be(seed: int, tmp_path: Path) -> None:
+    """MuJoCo clips the force of the tendon on each joint: at the limit of the leader's torque it clips none."""
+    rng = np.random.default_rng(seed)
+    a, b, gear, ratio = (float(x) for x in rng.uniform(0.3, 2.0, 4) * rng.choice([-1, 1], 4))
+    equality = f'<joint joint1="two" joint2="one" polycoef="0 {ratio} 0 0 0"/>'
+    path = tmp_path / "gripper.xml"
+    text = GRIPPER.format(kind="hinge", a=a, b=b, gear=gear, equality=equality)
+    for name in ("one", "two"):
+        most = rng.uniform(0.1, 4.0)
+        text = text.replace(f'<joint name="{name}"', f'<joint name="{name}" actuatorfrcrange="-{most} {most}"')
+    path.write_text(text)
+    robot, simulated = hqp.robots.load(path), mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(simulated)
+    most = float(robot.effort_limit[robot.joints("one")[0]])
+    for share, clipped in ((0.999, False), (1.001, True)):
+        force = share * most / (a + b * ratio)  # of the tendon
+        data.ctrl[1] = force / gear
+        mujoco.mj_forward(simulated, data)
+        found = [data.qfrc_actuator[simulated.joint(name).dofadr[0]] for name in ("one", "two")]
+        assert (np.abs(np.subtract(found, (a * force, b * force))).max() > 1e-9) == clipped
+
+
 def test_a_tendon_that_no_joint_leads_is_named(tmp_path: Path) -> None:
     path = tmp_path / "gripper.xml"
     path.write_text(GRIPPER.format(kind="hinge", a=1, b=1, gear=1, equality=""))
