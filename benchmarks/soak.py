@@ -31,9 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
         level = LEVELS[(turn // len(ROBOTS)) % len(LEVELS)]
         soak(robot, level, min(500, ticks - record.ticks), rng, record, RATES if turn % 2 else None)
         turn += 1
-        if turn % 21 == 0:
+        if turn % (len(ROBOTS) * len(LEVELS)) == 0:
             gc.collect()
-            if turn % 210 == 0 and not arguments.quick:
+            if turn % (10 * len(ROBOTS) * len(LEVELS)) == 0 and not arguments.quick:
                 print(record, flush=True)
             sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     print(record)

@@ -24,9 +24,9 @@ def test_no_event_breaks_a_loop(name: str, level: str) -> None:
 
 @pytest.mark.slow
 def test_ten_thousand_hostile_ticks() -> None:
-    """A part of ``make soak``: seven robots at three levels, with rates and without."""
+    """A part of ``make soak``: ten robots at three levels, with rates and without."""
     rng, record = np.random.default_rng(11), Record()
     for turn, (name, level) in enumerate(product(ROBOTS, LEVELS)):
-        soak(load(name), level, 480, rng, record, RATES if turn % 2 else None)
+        soak(load(name), level, 340, rng, record, RATES if turn % 2 else None)
     assert record.ticks >= 10_000
     assert record.looks > 100

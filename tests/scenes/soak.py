@@ -17,9 +17,12 @@ from hqp.commands.arguments import formulation
 from hqp.declare.safety import RateLimits
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
+from tests.scenes.drawn_robots import DRAWN, drawn
 
 ARMS = {"ur5": "tool0", "panda": "panda_hand_tcp"}
-ROBOTS = ("talos", "g1", "cbi", "icub", "romeo", *ARMS)
+ROBOTS = ("talos", "g1", "cbi", "icub", "romeo", *ARMS, *DRAWN)
+"""Ten, the last three of no catalogue."""
+
 LEVELS = ("velocity", "acceleration", "torque")
 RATES = RateLimits(velocity=60.0, acceleration=2e4, torque=2e4)
 DT = 0.002
@@ -29,7 +32,10 @@ STRICT, YIELDING = 1e-6, 1e-2
 """Relative difference allowed in ||w|| of a level without the levels below: exact or met, and priced and unmet."""
 
 
-load = cache(hqp.robots.load)
+@cache
+def load(name: str) -> Robot:
+    """A robot of ``ROBOTS``."""
+    return drawn(name) if name in DRAWN else hqp.robots.load(name)
 
 
 def hand_of(robot: Robot) -> str:
