@@ -259,3 +259,18 @@ def test_a_second_page_is_told_who_controls(state: Any) -> None:
             until(lambda: page.hands.controlling is None)
             one.send(grip())
             assert json.loads(one.recv(timeout=30.0))["refused"] == ""
+
+
+def test_the_operators_page_listens_where_it_is_told() -> None:
+    pytest.importorskip("websockets")
+    from hqp.teleoperation import OperatorPage
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with OperatorPage({"right": Follow(HAND)}, port=port) as page:
+        assert f":{port}/" in page.url
+        with socket.create_connection(("127.0.0.1", port), timeout=5.0):
+            pass
+        with pytest.raises(HqpError, match="did not start"):
+            OperatorPage({"right": Follow(HAND)}, port=port)

@@ -32,6 +32,30 @@ def test_a_motion_of_constant_jerk_is_predicted(jerk: float) -> None:
         assert np.abs(motion.value + x - path(times[-1] + ahead)).max() < 2e-3 * (1.0 + abs(jerk)) * (0.05 + ahead)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_the_fit_is_that_of_weighted_least_squares(seed: int) -> None:
+    """Judged by ``lstsq`` over Taylor's coefficients: weights that fall to 0 at 0.3 s, ordinary rates."""
+    draw = np.random.default_rng(seed)
+    times = np.sort(draw.uniform(0.0, 0.28, draw.integers(4, 12)))
+    values = draw.normal(size=(times.size, 3))
+    motion = Cubic(VECTOR, [Sample(float(t), y) for t, y in zip(times, values, strict=True)])
+    tau = times - times[-1]
+    columns = np.stack([tau**k / math.factorial(k) for k in range(4)], axis=1)
+    root = np.sqrt(1.0 + tau / 0.3)[:, None]
+    prior = np.diag([0.0, 1e-3 / 2.0, 1e-3 / 10.0, 1e-3 / 300.0])
+    left, right = np.vstack([root * columns, prior]), np.vstack([root * (values - values[-1]), np.zeros((4, 3))])
+    fitted = np.linalg.lstsq(left, right, rcond=None)[0]
+    assert np.allclose(motion.motion, fitted, rtol=1e-5, atol=1e-5 * np.abs(fitted).max())
+    for ahead in (-0.05, 0.0, 0.08):
+        x, v, a = motion.after(ahead)
+        assert np.allclose(
+            x, [ahead**k / math.factorial(k) for k in range(4)] @ fitted, atol=1e-4 * np.abs(fitted).max()
+        )
+        after, before = motion.after(ahead + 1e-4), motion.after(ahead - 1e-4)
+        assert np.allclose(v, (after[0] - before[0]) / 2e-4, atol=1e-6 * np.abs(fitted).max())
+        assert np.allclose(a, (after[1] - before[1]) / 2e-4, atol=1e-6 * np.abs(fitted).max())
+
+
 def test_a_pursuit_that_stops_brakes_within_its_limits() -> None:
     pursuit = Pursuit(VECTOR, np.zeros(3), (1.0, 1.0), (4.0, 4.0))
     target, speed, still = np.array([2.0, 0.0, 0.0]), np.zeros(3), np.zeros(3)
