@@ -213,7 +213,9 @@ class Guarded {
     keep(state);
   }
   // Share counters and stops with another session.
-  void join(const Guarded& other) { counters_ = other.counters_, halt_ = other.halt_; }
+  void join(const Guarded& other) {
+    if (halt_ != other.halt_) counters_ = other.counters_, halt_ = other.halt_;  // other threads may read them
+  }
   void pause() { counters_->pause(); }
 
   // Continue from another session of the robot, after x was sent.
@@ -222,7 +224,7 @@ class Guarded {
     good_ = other.good_, good_q_ = other.good_q_, good_v_ = other.good_v_;
     placed_ = other.placed_, timed_ = other.timed_, budget_ = other.budget_;
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
-    counters_ = other.counters_, halt_ = other.halt_;
+    join(other);
     told_of_age_ = other.told_of_age_;
     if (following_ && other.following_) *following_ = *other.following_;
   }

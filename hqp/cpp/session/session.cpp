@@ -159,16 +159,16 @@ const Tick& Session::step(const double* q, const double* v, double time, double 
   return stacks_->step(q, v, told);
 }
 const Tick& Session::tick() const { return stacks_->tick(); }
-Counts Session::counters() const noexcept { return stacks_->current().counters().counts(); }
-std::int64_t Session::heartbeat() const noexcept { return stacks_->current().counters().heartbeat(); }
+Counts Session::counters() const noexcept { return stacks_->shared().counters().counts(); }
+std::int64_t Session::heartbeat() const noexcept { return stacks_->shared().counters().heartbeat(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
   stacks_->current().line().kinematics()->integrate(q, v, dt, out);
 }
 void Session::reset() { stacks_->reset(); }
-void Session::stop(const std::string& reason) { stacks_->current().halt().stop(reason); }
-void Session::resume() { stacks_->current().halt().resume(); }
+void Session::stop(const std::string& reason) { stacks_->shared().halt().stop(reason); }
+void Session::resume() { stacks_->shared().halt().resume(); }
 std::string Session::stopped() const {
-  const char* why = stacks_->current().halt().why();
+  const char* why = stacks_->shared().halt().why();
   return why ? why : "";
 }
 std::size_t Session::levels() const { return stacks_->levels(); }

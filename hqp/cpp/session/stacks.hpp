@@ -87,7 +87,7 @@ class Stacks {
       stack.lines[0]->join(*stacks_[0].lines[0]);
     }
     stale_.assign(stacks_.size(), false);
-    current_ = stacks_[0].lines[0].get();
+    current_ = first_ = stacks_[0].lines[0].get();
     tick_ = &current_->tick();
   }
   Stacks(const Stacks&) = delete;
@@ -281,6 +281,9 @@ class Stacks {
       for (const auto& line : stack.lines) line->without_deadline();
   }
 
+  // A session whose counters and stops are those of all stacks; any thread may use these.
+  Guarded& shared() { return *first_; }
+  const Guarded& shared() const { return *first_; }
   // The stack at work, in a change the one that takes over.
   Guarded& current() { return *current_; }
   const Guarded& current() const { return *current_; }
@@ -428,7 +431,7 @@ class Stacks {
   std::vector<Route> ways_;
   std::vector<std::string> names_;
   std::vector<Leg> legs_, ended_;
-  Guarded* current_ = nullptr;
+  Guarded *current_ = nullptr, *first_ = nullptr;
   const Tick* tick_ = nullptr;
   std::size_t at_ = 0;  // of named_
   std::string phase_;
