@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from hqp.declare.price import Price, Priced, as_price, is_exact
 from hqp.declare.robot import Robot
 from hqp.declare.safety import Braking, RateLimits, StateBounds, positive
 from hqp.declare.stack import Stack
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, ModelWarning
 from hqp.programs.formulation import Formulation, Velocity
 from hqp.solvers import load
 from hqp.solvers.base import Solver
@@ -87,7 +88,10 @@ class Controller:
             raise DeclarationError(
                 "session", f"control period dt; {_likely(dt)}", value=dt, unit="s", allowed=f"0 < dt <= {SLOWEST:g}"
             )
-        return Session(self, robot, dt, max_age=max_age, stuck=stuck)
+        made = Session(self, robot, dt, max_age=max_age, stuck=stuck)
+        for note in made.remarks:
+            warnings.warn(note.detail, ModelWarning, stacklevel=2)
+        return made
 
 
 def _likely(dt: float) -> str:

@@ -72,9 +72,8 @@ class Session:
         _ = robot.tree_joints  # read off the model once, here and not in the first tick
         remarks = [("base", adrift(compiled.stack, robot)), ("contacts", overconstrained(compiled.stack, robot))]
         remarks += [(element.name, element.remark(robot)) for element in compiled.stack]
-        first = tuple(Note(name, Status.OPTIMAL, told) for name, told in remarks if told)
-        for note in first:
-            warnings.warn(note.detail, ModelWarning, stacklevel=3)
+        first = self.remarks = tuple(Note(name, Status.OPTIMAL, told) for name, told in remarks if told)
+        """Notes on the stack and the robot, in the first tick too; ``Controller.session`` warns of them."""
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
             first += (Note("session", Status.OPTIMAL, compiled.dropped),)

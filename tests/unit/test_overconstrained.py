@@ -14,6 +14,7 @@ from hqp import Level, P, Stack
 from hqp.declare.element import Element
 from hqp.declare.robot import Robot
 from hqp.errors import ModelWarning
+from hqp.goals.search import Search
 from hqp.tasks import Ball, Com, EdgeContact, FixedContact, Hinge, JointLimits, PointContact, Posture, Weld
 from tests.scenes import mechanisms
 
@@ -194,3 +195,17 @@ def test_closures_that_leave_motion_are_not_reported(tmp_path: Path) -> None:
         '<actuator><motor joint="j"/></actuator></mujoco>'
     )
     assert not warned(hqp.robots.load(path))
+
+
+def test_a_session_warns_once_where_it_is_made(tmp_path: Path) -> None:
+    """A search for a way out compiles the stack again: its thread does not end by a warning that is an error."""
+    robot = parallelogram(tmp_path, 0.4, "0 1 0")
+    lead = Posture(joints=["crank"], law=P(5.0), name="lead")
+    controller = hqp.Controller(Stack(Level(lead), subject_to=[Weld(frame="end", relative_to="bearing")]))
+    with pytest.warns(ModelWarning, match="instead of the Weld") as told:
+        session = controller.session(robot, 0.002)
+    assert [Path(one.filename).name for one in told] == [Path(__file__).name]
+    state = robot.state()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Search(session.stack, robot.copy()).aim(state.q, [lead.at([1.0])])
