@@ -162,10 +162,10 @@ class Transition {
     for (std::size_t k = is_under_way(0) ? 1 : 0; k < stacks_.size(); ++k)
       if (k != sent_.first && k != sent_.second) stacks_[k]->forget();
     if (is_under_way(0) && under_way_->done()) under_way_ = nullptr, stacks_[0]->aside(), stacks_[0]->lasting(true);
-    if (sent_.done) end();
+    std::copy(tick_.x_.begin(), tick_.x_.end(), x_.begin());
+    if (sent_.done) end();  // from x_
     else if (ramp_.advance()) begun_ = false, first.line().ahead(nullptr);
     progress_ = ramp_.progress();
-    std::copy(tick_.x_.begin(), tick_.x_.end(), x_.begin());
     const std::vector<int>& picks = second.robot().picks;
     for (std::size_t i = 0; i < picks.size(); ++i) tick_.command_[i] = x_[std::size_t(picks[i])];
     hooks_.sent();
