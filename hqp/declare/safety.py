@@ -63,10 +63,10 @@ class Braking:
     """Way of a command to rest while no solution is usable, and after ``stop`` (docs/safety.md).
 
     deceleration [rad/s^2 or m/s^2]: deceleration of the fastest joint, at velocity and acceleration level; the others
-    keep their proportion to it, so that contacts hold.  damping [s]: time constant of the joint damping beside the
-    holding torque.  resume: "auto" to go on with the next usable answer, "ask" to wait for ``resume`` if none was
-    usable for longer than ``after`` [s].  Raises DeclarationError for another word, or a number that is not positive
-    and finite.
+    keep their proportion to it, so that contacts hold.  damping [s]: time constant in which all joints slow down beside
+    the holding torque, at torque level.  resume: "auto" to go on with the next usable answer, "ask" to wait for
+    ``resume`` if none was usable for longer than ``after`` [s].  Raises DeclarationError for another word, or a number
+    that is not positive and finite.
     """
 
     deceleration: float = 50.0

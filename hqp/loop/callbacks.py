@@ -276,10 +276,10 @@ class Callbacks:
         state = self.last_good if last else self.state
         if state is None:
             return None
-        holding = felt = None
+        holding = momentum = None
         if self._holding is not None:
             try:
-                holding, felt = self._holding(state)
+                holding, momentum = self._holding(state)
             except Exception:  # whatever broke the tick, an element of the user's perhaps, may break this as well
-                holding = felt = None
-        return state.angles, state.v, holding, felt
+                holding = momentum = None
+        return state.angles, state.v, holding, momentum

@@ -89,6 +89,11 @@ class Session:
             compiled,
         )
         """The stack at work."""
+        self.ending: Callable[[], bool] | None = None
+        """Ends the motion under way if there is one, and returns true; its owner calls ``stop(..., at_once=True)`` at
+        its end."""
+        self.stopping = ""
+        """The reason of a stop that waits for that end, "" for none."""
         self._status = Status.OPTIMAL
         self._recorder: Recorder | None = None
 
@@ -174,16 +179,24 @@ class Session:
         except ValueError as error:
             raise DeclarationError("begin", str(error), allowed="finite numbers and a valid state") from None
 
-    def stop(self, reason: str = "stop") -> None:
+    def stop(self, reason: str = "stop", *, at_once: bool = False) -> None:
         """Bring the robot to rest by ``controller.braking`` from the next step on, and hold it until ``resume``.
 
         Ticks have the status STOPPED and a note with the reason.  References of the time are not used; a change of
-        stack waits.  Any thread may call it.
+        stack waits.  Where ``ending`` has a motion to end first, as a Walker has, ``stopping`` is the reason until
+        then; at_once: do not wait for it.  Any thread may call it.
         """
-        self.line.native.stop(str(reason))
+        self.stopping, waits = str(reason), False
+        try:
+            waits = not at_once and self.ending is not None and self.ending()
+        finally:
+            if not waits:
+                self.line.native.stop(self.stopping)
+                self.stopping = ""
 
     def resume(self) -> None:
         """End a stop: the next step solves again, from the command at rest.  Any thread may call it."""
+        self.stopping = ""
         self.line.native.resume()
 
     @property

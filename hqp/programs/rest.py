@@ -9,4 +9,4 @@ from hqp.arrays import Vec
 from hqp.declare.robot import State
 
 Holding: TypeAlias = Callable[[State], tuple[Vec, Vec]]
-"""Holding torque in a state, and the inverse inertia of each motor, ``(n,)`` both; it may raise."""
+"""The torques of a state ``(n,)`` that hold gravity [N m] and momentum [N m s]; it may raise."""

@@ -395,7 +395,7 @@ class TorqueProgram(Program):
         self._efforts.aim(references)
 
     def holding(self, robot: Robot) -> Holding:
-        """The torque that holds the robot up, and the inverse inertia that each motor feels."""
+        """The torques that hold the robot up, and its momentum."""
         return Held(self.held, robot, self.dt, self._laws, self.loads, self.dynamics.out)
 
     def remarks(self, state: State) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from hqp.torque.gravity import Gravity
 
 
 class Held:
-    """tau_g(q) and the diagonal of phi* (Sentis 2012, eq. 15) with the latest loads.
+    """The torques that hold gravity and the momentum A qd, with the latest loads.
 
     out: live, 1 for rows of the constraints that are not there.
     """
@@ -33,11 +33,13 @@ class Held:
         self._gravity = Gravity(self._held, self._twin, dt, self._dynamics)
 
     def __call__(self, state: State) -> tuple[Vec, Vec]:
-        """The torque ``(n,)`` [N m] and phi*_ii ``(n,)``; raises the errors of the dynamics."""
+        """Torques ``(n,)`` that hold gravity [N m] and momentum [N m s]; raises the errors of the dynamics."""
         twin = self._twin.state(state.q, state.v)
         self._rows.fill(twin, {e.name: e.hold(twin) for e in self._held}, ())
         gravity, dynamics = self._loads.gravity(twin), self._dynamics
         J = self._rows.J
         np.copyto(dynamics.out, self._out)
-        dynamics.update(*self._loads.dynamics(twin), J, self._rows.lower[: J.shape[0]])
-        return self._gravity.torque(gravity, dynamics.J), np.diagonal(dynamics.phi).copy()
+        A, bias = self._loads.dynamics(twin)
+        whole = np.triu(A) + np.triu(A, 1).T
+        dynamics.update(A, bias, J, self._rows.lower[: J.shape[0]])
+        return self._gravity.torque(gravity, dynamics.J), self._gravity.torque(whole @ state.v, dynamics.J)

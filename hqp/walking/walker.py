@@ -86,7 +86,7 @@ LIMITS = JointLimits(acceleration=1000.0, braking=200.0)
 
 
 class Walker:
-    """Walks after ``go``, stands after ``stop``; ``step`` is one tick.
+    """Walks after ``go``, stands after ``stop``; ``step`` is one tick.  ``session.stop`` ends the walk, then holds.
 
     robot: a biped with a free base, that starts standing on both feet; with ``load(name, rotors=True)`` it knows the
     inertia that its motors have in a Plant, without which light feet are controlled badly.  dt [s]: period of a tick.
@@ -144,6 +144,7 @@ class Walker:
         if deadline is not None:
             controller = replace(controller, deadline=deadline)
         self.session = controller.session(robot, dt)
+        self.session.ending = self._end
         self._upright = np.array(home.rotation(self.stacks.trunk.frame))
         self._upright = about_vertical(-yaw_of(self._upright)) @ self._upright
         self.support = BOTH
@@ -176,8 +177,11 @@ class Walker:
         """Walk at a velocity in the axes of the heading [m/s, m/s, rad/s]; zeros step in place.
 
         The velocity changes by a bounded amount from step to step.  ``command`` is the nearest velocity that steps can
-        follow, ``why`` has the reasons.
+        follow, ``why`` has the reasons.  A session that is stopped stands.
         """
+        if why := self.session.stopping or self.session.stopped:
+            self.command, self.why = Command(), (f"stopped ({why}): call session.resume()",)
+            return
         self.command, self.why = self.ability.allowed(Command(forward, left, turn))
         self.walking = True
 
@@ -185,6 +189,15 @@ class Walker:
         """Come to stand with the feet side by side, over as many steps as it takes."""
         if self.walking:
             self.command, self.walking = Command(), False
+
+    def _end(self) -> bool:
+        """End the walk; return true if it takes time."""
+        self.stop()
+        return self._started and not self._stands
+
+    @property
+    def _stands(self) -> bool:
+        return self.phase == "stand" and self._t >= self._T
 
     @property
     def stopping_time(self) -> float:
@@ -212,6 +225,8 @@ class Walker:
         """
         if not self._started:
             self._start(state)
+        if self.session.stopping and self._stands:
+            self.session.stop(self.session.stopping, at_once=True)
         self.event = ""
         felt = None if loads is None else np.asarray(loads, dtype=np.float64)
         if felt is not None and felt.shape != (2,):

@@ -79,8 +79,9 @@ def test_a_stop_brings_a_robot_to_rest_and_holds_it_until_resume(name: str, kind
         if kind != "torque":
             assert np.abs(loop.physics.v - v).max() <= BRAKING.deceleration * DT * (1.0 + 1e-6)
         v = loop.physics.v.copy()
-    if kind == "torque":
-        assert loop.energy < 0.5 * energy
+    if kind == "torque":  # every joint slows down with the time constant of the damping
+        assert loop.energy < 1e-4 * energy
+        assert np.abs(pin.difference(loop.robot.model, q, loop.physics.q)).max() < 1.5 * BRAKING.damping * fastest
     else:
         assert loop.speed <= 1e-9
         away = np.abs(pin.difference(loop.robot.model, q, loop.physics.q)).max()
@@ -110,7 +111,7 @@ def test_data_that_is_none_in_a_stop_is_told_and_changes_no_status(kind: str) ->
         assert tick.status is Status.STOPPED
         assert np.isfinite(tick.command).all()
         assert tick.refused == (k % 5 in (1, 2))
-    assert loop.speed < (0.01 if kind != "torque" else 0.3)
+    assert loop.speed < 0.01
     assert loop.run.counters.rejected_states == 120
 
 
@@ -147,12 +148,12 @@ def test_a_stop_holds_through_a_change_of_stack(kind: str) -> None:
     far = tick.transition
     assert 0.0 < far < 1.0
     loop.run.stop()
-    for k in range(200):
+    for k in range(300):
         tick = loop.step(state=robot_nan(loop.run) if k % 7 == 3 else None)
         assert tick.status is Status.STOPPED
         assert np.isfinite(tick.command).all()
     assert tick.transition == far
-    assert loop.speed < 0.01 or kind == "torque"
+    assert loop.speed < 0.01
     loop.run.change(loop.run.stack, over=0.0)
     assert loop.step().status is Status.STOPPED
     loop.run.resume()

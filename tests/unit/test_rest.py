@@ -102,10 +102,9 @@ def test_an_answer_beyond_bounds_that_always_hold_is_none(off: float, status: St
 
 
 def damped(robot: Robot, q: Vec, v: Vec, fade: float) -> Vec:
-    """g - D qd within the effort limits, D_i = 1 / (T (M^-1)_ii): an arm without contacts."""
+    """g - M qd / T within the effort limits: an arm without contacts."""
     state = robot.state(q, v)
-    felt = np.diag(np.linalg.inv(state.mass_matrix()))
-    tau = state.gravity_force() - fade * v / (DAMPING * felt)
+    tau = state.gravity_force() - fade * state.mass_matrix() @ v / DAMPING
     return np.clip(tau, -robot.effort_limit, robot.effort_limit)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import hqp.robots
+from hqp import Status
 from hqp.walking import Walker
 from hqp.walking.walker import SAG
 
@@ -101,3 +102,43 @@ def test_the_height_makes_up_for_a_sagging_com(robot: Any) -> None:
         raised = [walker._height(base - deficit) - walker._z for _ in range(round(20.0 / DT))]
         assert np.sign(deficit) * (raised[0] - first) > 0.0
         assert raised[-1] == pytest.approx(math.copysign(SAG, deficit))
+
+
+def test_a_stop_of_the_session_ends_the_walk_first(robot: Any) -> None:
+    walker = made(robot)
+    session = walker.session
+    walker.go(forward=0.1)
+    ticks, ended = on_its_model(walker), 0
+    for tick in ticks:
+        if walker.phase == "swing" and not session.stopping and not session.stopped:
+            session.stop("operator")
+            assert session.stopping == "operator"
+            assert session.stopped == ""
+            walker.go(forward=0.1)
+            assert not walker.walking
+            assert "operator" in walker.why[0]
+        if tick.status is Status.STOPPED:
+            assert walker.phase == "stand"
+            assert (session.stopping, session.stopped) == ("", "operator")
+            ended += 1
+        else:
+            assert ended == 0
+        if ended == 50:
+            break
+        assert walker.time < 6.0
+    session.resume()
+    walker.go(forward=0.1)
+    assert walker.walking
+    while walker.phase != "swing":
+        assert next(ticks).status.usable
+    session.stop("again")
+    session.resume()  # before the walk has ended
+    assert session.stopping == ""
+    session.stop("fallen", at_once=True)
+    assert next(ticks).status is Status.STOPPED
+
+
+def test_a_walker_that_stands_is_stopped_at_once(robot: Any) -> None:
+    walker = made(robot)
+    walker.session.stop("before the start")
+    assert next(on_its_model(walker)).status is Status.STOPPED

@@ -88,6 +88,26 @@ def test_it_walks_on_what_it_senses_and_stops(name: str, speed: float, jump: flo
 
 
 @pytest.mark.slow
+def test_a_stopped_session_stands_after_its_walk() -> None:
+    course = Walked.of("g1")
+    course.run(1.0)
+    course.walker.go(forward=0.2)
+    course.run(1.5)
+    session = course.walker.session
+    session.stop("operator")
+    assert not session.stopped
+    course.run(course.walker.stopping_time + 0.5)
+    assert session.stopped == "operator"
+    before = course.plant.com()
+    course.run(4.0)
+    assert np.abs(course.plant.com() - before).max() < 0.02
+    session.resume()
+    course.walker.go(forward=0.2)
+    course.run(3.0)
+    assert course.plant.com()[0] - before[0] > 0.2
+
+
+@pytest.mark.slow
 def test_it_turns_and_goes_aside_and_back() -> None:
     course = Walked.of("talos", sensed=False)
     course.run(1.0)

@@ -143,7 +143,7 @@ std::unique_ptr<Rest> rest(const Node& root, const Line& line, const RobotNames&
   } else if (line.torque()) {
     std::vector<double> limit;
     for (const int i : robot.joints) limit.push_back(p.numbers("effort_limit").at(std::size_t(i)));
-    found = std::make_unique<Hold>(limit, robot.joints, braking.number("damping"), line.dt());
+    found = std::make_unique<Hold>(limit, braking.number("damping"), line.dt());
   } else {
     throw PlanError("the plan is of kind '" + robot.kind + "'; allowed: velocity, acceleration, torque");
   }

@@ -505,7 +505,7 @@ class Guarded {
     RestFrom found;
     line_.kinematics()->angles(q, angles_.data());
     found.angles = angles_.data(), found.v = v;
-    if (line_.torque() && line_.at_rest(q)) found.holding = line_.holding(), found.felt = line_.felt();
+    if (line_.torque() && line_.at_rest(q, v)) found.holding = line_.holding(), found.momentum = line_.momentum();
     return found;
   }
 

@@ -75,7 +75,7 @@ class Line {
       return start(*one) + one->first < start(*other) + other->first;
     });
     still_.resize(std::size_t(nv_));
-    holding_.resize(std::size_t(n_)), felt_.resize(holding_.size());
+    holding_.resize(std::size_t(n_)), momentum_.resize(holding_.size());
     origin_ = root.part("solver").maybe("origin", std::size_t(n_));
     if (torque() && origin_) weight_.resize(std::size_t(nv_));
   }
@@ -178,17 +178,16 @@ class Line {
     }
   }
 
-  // The torque that holds the robot up, and the inverse inertia that each motor feels, of a configuration at rest;
-  // false where there is none.
-  bool at_rest(const double* q) {
+  // The torques that hold the robot up, and its momentum as it moves with v; false where there are none.
+  bool at_rest(const double* q, const double* v) {
     std::fill(still_.begin(), still_.end(), 0.0);
     parts_.kinematics->update(q);
     assembly().operate(q, still_.data(), still_.data());
     assembly().weight(still_.data());
-    return torque()->at_rest(still_.data(), holding_.data(), felt_.data());
+    return torque()->at_rest(still_.data(), v, holding_.data(), momentum_.data());
   }
   const double* holding() const { return holding_.data(); }
-  const double* felt() const { return felt_.data(); }
+  const double* momentum() const { return momentum_.data(); }
 
   // The rows of these members are free from now on, those of all others as declared.
   void go_without(const std::vector<bool>& out) {
@@ -361,7 +360,7 @@ class Line {
   std::vector<Member> members_;
   std::vector<const Member*> placed_;
   std::vector<int> starts_;  // of each level, its first among all
-  std::vector<double> slacks_, still_, holding_, felt_;
+  std::vector<double> slacks_, still_, holding_, momentum_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
   double *slowing_ = nullptr, *slowed_ = nullptr;

@@ -15,8 +15,8 @@ namespace hqp {
 // The state that a robot comes to rest from; all null where there was none.
 struct RestFrom {
   const double *angles = nullptr, *v = nullptr;  // (nv)
-  // Torque level: what holds the robot up, and the inverse inertia that each motor feels (n); null where unknown.
-  const double *holding = nullptr, *felt = nullptr;
+  // Torque level: the torques (n) that hold the robot up [N m] and its momentum [N m s]; null where unknown.
+  const double *holding = nullptr, *momentum = nullptr;
 };
 
 // Answers x that bring a robot to rest from the last good tick on; every number is finite.
@@ -117,57 +117,51 @@ class Brake final : public Rest {
   std::vector<double> v_;
 };
 
-// Torque level: tau = tau_g(q) - D qd within the effort limits; D_i = 1 / (T phi*_ii), T = max(damping, n dt).
+// Torque level: tau = tau_g(q) - tau_v / T within the effort limits, T = max(damping, 2 dt).
 //
-// phi*_ii is the reduced inverse inertia that motor i feels (Sentis 2012, eq. 15): phi* D has the diagonal 1 / T, so
-// its largest eigenvalue is at most n / T and D never overshoots within one period. q is that of the last good state;
-// qd as well, fading with T, for damping by an old velocity would push. Where the dynamics fail, from the last torque.
+// tau_v holds the momentum A qd as tau_g holds gravity, so that every joint slows down by qd / T whatever it carries,
+// while contacts hold; T is long enough that it never overshoots within one period. q is that of the last good state;
+// tau_v as well, fading with T, for damping by an old velocity would push. Where the dynamics fail, from the last
+// torque.
 class Hold final : public Rest {
  public:
-  Hold(std::vector<double> limit, std::vector<int> motors, double damping, double dt)
+  Hold(std::vector<double> limit, double damping, double dt)
       : Rest(limit.size()),
         limit_(std::move(limit)),
-        motors_(std::move(motors)),
         dt_(dt),
-        time_(std::max(damping, double(limit_.size()) * dt)),
+        time_(std::max(damping, 2.0 * dt)),
         holding_(limit_.size()),
-        damping_(limit_.size()),
-        rate_(limit_.size()) {}
+        damping_(limit_.size()) {}
 
   void begin(const RestFrom& from, const double* x, bool) override {
     if (from.holding && take(from)) return;
     std::copy(x, x + holding_.size(), holding_.begin());
-    std::fill(rate_.begin(), rate_.end(), 0.0);
     std::fill(damping_.begin(), damping_.end(), 0.0);
   }
   void next(double* x) override {
     for (std::size_t i = 0; i < limit_.size(); ++i) {
-      x[i] = std::min(std::max(holding_[i] - damping_[i] * rate_[i], -limit_[i]), limit_[i]);
-      rate_[i] *= std::max(0.0, 1.0 - dt_ / time_);
+      x[i] = std::min(std::max(holding_[i] - damping_[i], -limit_[i]), limit_[i]);
+      damping_[i] *= 1.0 - dt_ / time_;
     }
   }
   void keep(CarryOver& state) override {
-    for (std::vector<double>* part : {&holding_, &damping_, &rate_}) state.take(part->data(), part->size());
+    for (std::vector<double>* part : {&holding_, &damping_}) state.take(part->data(), part->size());
   }
 
  private:
   bool take(const RestFrom& from) {
-    double largest = 0.0, sum = 0.0;
-    for (std::size_t i = 0; i < limit_.size(); ++i) largest = std::max(largest, from.felt[i]);
+    double sum = 0.0;
     for (std::size_t i = 0; i < limit_.size(); ++i) {
-      const bool locked = from.felt[i] <= 1e-9 * largest;  // motors that the constraints lock need no damping
       holding_[i] = from.holding[i];
-      damping_[i] = locked ? 0.0 : 1.0 / (time_ * from.felt[i]);
-      rate_[i] = from.v[motors_[i]];
+      damping_[i] = from.momentum[i] / time_;
       sum += std::fabs(holding_[i]) + std::fabs(damping_[i]);
     }
     return sum < std::numeric_limits<double>::infinity();
   }
 
   std::vector<double> limit_;
-  std::vector<int> motors_;
   double dt_, time_;
-  std::vector<double> holding_, damping_, rate_;
+  std::vector<double> holding_, damping_;  // tau_g and tau_v / T [N m]
 };
 
 }  // namespace hqp

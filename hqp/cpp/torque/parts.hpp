@@ -32,7 +32,7 @@ class TorqueParts final : public SolveCall {
     factor_ = p.doubles("factor", nv_ * nv_), map_ = p.doubles("map", nv_ * (n_ + 1)), phi_ = p.doubles("phi", n_ * n_);
     Q_ = p.doubles("Q", nv_ * m_), T_ = p.doubles("T", m_ * m_), top_ = p.doubles("top", m_ * (n_ + 1));
     tolerance_ = p.number("tolerance");
-    out_.assign(m_, 0), held_.assign(m_ * nv_, 0.0);
+    out_.assign(m_, 0), held_.assign(m_ * nv_, 0.0), carried_.resize(nv_);
     const int nv = static_cast<int>(nv_), n = static_cast<int>(n_), m = static_cast<int>(m_);
     elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, m, out_.data()));
     rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map_, nv, n));
@@ -141,12 +141,15 @@ class TorqueParts final : public SolveCall {
     }
   }
 
-  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A and J of a state
-  // at rest and its g; false if there is none.
-  bool at_rest(const double* g, double* tau, double* felt) {
+  // The torques (n) that hold g (nv) and the momentum A v (nv), from A (its upper triangle, column-major) and J; false
+  // if there are none.
+  bool at_rest(const double* g, const double* v, double* tau, double* momentum) {
     if (!hold(g, tau) || eliminate() < 0) return false;
-    for (std::size_t i = 0; i < n_; ++i) felt[i] = phi_[i * (n_ + 1)];
-    return true;
+    for (std::size_t i = 0; i < nv_; ++i) {
+      carried_[i] = 0.0;
+      for (std::size_t j = 0; j < nv_; ++j) carried_[i] += A_[std::max(i, j) * nv_ + std::min(i, j)] * v[j];
+    }
+    return hold(carried_.data(), momentum);
   }
 
  private:
@@ -176,7 +179,7 @@ class TorqueParts final : public SolveCall {
   double *factor_, *map_, *phi_, *Q_, *T_, *top_;  // factor (nv, nv): a copy of A
   double tolerance_;
   std::vector<std::int8_t> out_;
-  std::vector<double> held_;  // J of the constraints that are there
+  std::vector<double> held_, carried_;  // J of the constraints that are there; A v
   std::unique_ptr<Elimination> elimination_;
   std::unique_ptr<TorqueRows> rows_;
   std::unique_ptr<ForceRows> forces_;
