@@ -16,7 +16,16 @@ class State {};
 }  // namespace rclcpp_lifecycle
 
 namespace rclcpp {
-class Time {};
+class Time {
+ public:
+  Time() = default;
+  template <class Stamp, class = decltype(Stamp::nanosec)>
+  explicit Time(const Stamp& stamp) : seconds_(stamp.sec + 1e-9 * stamp.nanosec) {}
+  double seconds() const { return seconds_; }
+
+ private:
+  double seconds_ = 0.0;
+};
 class Duration {};
 struct QoS {};
 struct SystemDefaultsQoS : QoS {};
