@@ -145,9 +145,10 @@ class Live:
 class Transition:
     """Transition from one session to another without a jump: hqp/cpp/session/transition.hpp.
 
-    depth: number of transitions under way, this one included.  progress: 0 at the start, 1 at the end.
+    depth: number of transitions under way, this one included, at most DEEPEST.  progress: 0 at the start, 1 at the end.
     """
 
+    DEEPEST: int
     depth: int
     progress: float
 

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from hqp.loop.line import Line
 
 
-DEEPEST = 3
-"""Transitions that may be under way at a time."""
-
 Told = tuple[str, int, str]
 """A note: element, number of the status, text."""
 
@@ -45,7 +42,7 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     holds = line.holds
     lines = [_successor(line, item, surviving_holds(line.stack, holds, item.stack)) for item in compiled[1:]]
     if over:
-        if line.transition is not None and line.transition.depth >= DEEPEST:
+        if line.transition is not None and line.transition.depth >= native.Transition.DEEPEST:
             line.transition.end(line)  # too many changes at a time: the oldest ones end here
         lines[-1].transition = Transition([line, *lines[:-1]], lines[-1], points, over)
     return lines[-1]

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "rows.hpp"
+#include "whole_turns.hpp"
 
 namespace hqp {
 
@@ -90,7 +91,6 @@ class Angles final : public Operation, Rows {  // roll, pitch, yaw: rows of E(rp
   Angles(Rows rows, std::vector<int> picked, double gimbal)
       : Rows(std::move(rows)), picked_(std::move(picked)), gimbal_(gimbal) {}
   void run(const double*, const double*) override {
-    constexpr double kTurn = 6.283185307179586476925;
     relative_.update();
     const Mat3 R = transposed(relative_.axes(), rotation());
     const Vec3 &x = R.column[0], angle{std::atan2(R.column[1][2], R.column[2][2]),

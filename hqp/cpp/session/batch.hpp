@@ -26,7 +26,7 @@ class Batch {
     if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
     threads = std::max<std::size_t>(1, std::min(threads, count));
     for (std::size_t k = 0; k < threads; ++k) {
-      sessions_.push_back(Stacks::made(plan));
+      sessions_.push_back(made<Stacks>(plan));
       sessions_.back()->without_deadline();  // no world is late
     }
   }
@@ -55,7 +55,7 @@ class Batch {
     for (std::thread& other : others) other.join();
   }
 
-  // Of the ticks of all worlds; no gap: a world has no clock.
+  // Sum over the ticks of all worlds; no gap: a world has no clock.
   Counts counters() const {
     Counts sum;
     for (const auto& session : sessions_) sum.add(session->current().counters().counts());

@@ -242,7 +242,8 @@ NB_MODULE(_session, module) {
       .def_prop_ro("held", &binding::LiveSession::held)
       .def_prop_ro("deadline", &binding::LiveSession::deadline)
       .def_prop_ro("margin", &binding::LiveSession::margin);
-  nb::class_<binding::LiveTransition>(module, "Transition")
+  nb::class_<binding::LiveTransition> transition(module, "Transition");
+  transition
       .def(nb::init<const nb::list&, const nb::object&, double, binding::LiveTransition*, nb::handle>(), "sessions"_a,
            "way"_a, "ticks"_a, "under_way"_a.none(), "owner"_a)
       .def("measure", &binding::LiveTransition::measure, "name"_a, "load"_a)
@@ -253,6 +254,7 @@ NB_MODULE(_session, module) {
       .def("pass_on", &binding::LiveTransition::pass_on, "session"_a)
       .def_prop_ro("depth", &binding::LiveTransition::depth)
       .def_prop_ro("progress", &binding::LiveTransition::progress);
+  transition.attr("DEEPEST") = hqp::Transition::kDeepest;
   nb::class_<Worlds>(module, "Batch")
       .def(nb::init<const nb::bytes&, std::size_t, std::size_t, const nb::bytes&>(), "file"_a, "count"_a, "threads"_a,
            "key"_a)

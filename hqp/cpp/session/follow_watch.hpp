@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "../rows/whole_turns.hpp"
 #include "errors.hpp"
 #include "tick.hpp"
 
@@ -22,7 +23,7 @@ namespace hqp {
 // u: velocity that was sent; q, v: measured; a_sent: acceleration that was sent, or that the sent torque causes by the
 // model. delay: of the oldest state that is accepted, of a drive, and three periods from a command to its motion; the
 // bound on g is the way of a joint at its speed limit within it. a is the acceleration from rest to the speed limit
-// within kSpan. Anything may touch a robot at torque level, and no torque tells a load from a brake: there more than
+// within kSpan. Anything may touch a robot at torque level, and no torque distinguishes a load from a brake: more than
 // that is noted, and the command comes to rest from the acceleration by the motor's whole torque limit on, which no
 // load has for long. The clip keeps pushes shorter than kSpan log 2 from counting. A joint without a speed limit is not
 // compared.
@@ -34,7 +35,7 @@ class FollowWatch {
   static constexpr double kMean = 0.05;  // accelerations are averaged over this time: v has noise [s]
   static constexpr double kAgain = 1.0;  // time at rest before joints are moved and compared again [s]
 
-  // Of the motors: names, speed limits and torque limits (0 for none), units of their positions, rad or m, and indices
+  // Motors: names, speed limits and torque limits (0 for none), units of their positions, rad or m, and indices
   // in v.
   FollowWatch(std::vector<std::string> names, const std::vector<double>& speeds, const std::vector<double>& efforts,
               const std::vector<std::string>& units, const std::vector<int>& coordinates, int order, double delay)
@@ -52,7 +53,7 @@ class FollowWatch {
     }
   }
 
-  // Begin a tick at that time [s]: what was sent last acted until now.
+  // Begin a tick at that time [s]: the last command acted until now.
   void pass(double now) {
     const double elapsed = now - std::exchange(now_, now);
     if (!std::exchange(running_, true) || !(elapsed >= 0.0) || elapsed > delay_) return restart();
@@ -70,7 +71,7 @@ class FollowWatch {
     }
   }
   // Compare with a valid state; angles, v (nv). Return false, and why, while the command must come to rest; note: takes
-  // what is noted without that.
+  // the note on a smaller lack.
   template <class Report>
   bool follow(const double* angles, const double* v, Note& why, const Report& note) {
     if (now_ < until_) return why = worst_, false;
@@ -102,7 +103,7 @@ class FollowWatch {
     until_ = now_ + kAgain;
     return why = worst_, false;
   }
-  // Take what the sent command makes of the motors. rate(coordinate): a velocity, or an acceleration at the levels
+  // Take the motion that the sent command demands. rate(coordinate): a velocity, or an acceleration at the levels
   // above; felt(motor): inverse of the inertia that it feels, at torque level.
   template <class Rate, class Felt>
   void sent(const Rate& rate, const Felt& felt) {
@@ -128,11 +129,11 @@ class FollowWatch {
   };
   struct Joint {
     std::size_t coordinate = 0;
-    double limit = 0.0, effort = 0.0;  // of its speed and torque, 0 for none
+    double limit = 0.0, effort = 0.0;  // speed and torque limit, 0 for none
     bool turns = true;
     double rate = 0.0, angle = 0.0, speed = 0.0;
     double gap = 0.0;  // way that the joint lacks [rad, m]
-    Lack lacks[2];     // from which the command comes to rest, and from which a note tells
+    Lack lacks[2];     // thresholds of the command's rest, and of a note
   };
 
   // Begin to compare anew.
@@ -142,7 +143,7 @@ class FollowWatch {
   }
   void take(Joint& joint, double angle, double speed) const {
     double way = angle - joint.angle;
-    if (joint.turns && std::fabs(way) > kHalfTurn) way = std::remainder(way, 2.0 * kHalfTurn);
+    if (joint.turns) way = std::remainder(way, kTurn);
     if (order_ == 2) joint.gap += 0.5 * (joint.speed + speed) * since_ - way;
     for (Lack& lack : joint.lacks)
       if (order_ == 2 && compared_) lack.mean -= (speed - joint.speed) / kMean;
@@ -153,8 +154,6 @@ class FollowWatch {
     found.rows[0].name = unit;
     return found;
   }
-
-  static constexpr double kHalfTurn = 3.14159265358979323846;
 
   std::vector<std::string> names_;
   int order_;

@@ -22,19 +22,20 @@
 
 namespace hqp {
 
+// A session or its stacks from a plan; throws PlanError if the plan is inconsistent.
+template <class Made, class From>
+std::unique_ptr<Made> made(const From& from) {
+  try {
+    return std::make_unique<Made>(from);
+  } catch (const PlanError&) {
+    throw;
+  } catch (const std::exception& error) {  // a part rejects its numbers, or memory is exhausted
+    throw PlanError(std::string("cannot make a session of the plan: ") + error.what());
+  }
+}
+
 class Guarded {
  public:
-  // Throws PlanError if the plan is inconsistent.
-  template <class Source>
-  static std::unique_ptr<Guarded> made(const Source& source) {
-    try {
-      return std::make_unique<Guarded>(source);
-    } catch (const PlanError&) {
-      throw;
-    } catch (const std::exception& error) {  // a part rejects its numbers, or memory is exhausted
-      throw PlanError(std::string("cannot make a session of the plan: ") + error.what());
-    }
-  }
   template <class Source>
   explicit Guarded(const Source& source) : Guarded(source.root(), source) {}
 
@@ -372,7 +373,7 @@ class Guarded {
   const RateLimiter* limiter() const { return aside_ ? nullptr : limiter_.get(); }
   Before before() const { return {x_.data(), good_, tick_.count_}; }
 
-  // A torque session that was told of no command starts from the torque that holds the robot up.
+  // Start a torque session without a known command from the torque that holds the robot up.
   void hold_up() {
     if (!line_.torque() || !(limiter_ || aside_)) return;
     rest_->begin(at(false), x_.data(), true);
@@ -380,15 +381,15 @@ class Guarded {
     start_ = x_;
     note({"session", Status::kOptimal, Cause::kStart});
   }
-  // Return false, and why, if the measured joints do not do what they were sent. Beside another session the command is
-  // a blend that this one does not know.
+  // Return false, and the reason, if the measured joints do not follow their command. Beside another session the
+  // command is a blend that this one does not know.
   bool follows(const double* angles, Note& why) {
     if (!following_) return true;
     if (aside_) return following_->reset(), true;
     if (!angles) line_.kinematics()->angles(q_.data(), angles_.data()), angles = angles_.data();
     return following_->follow(angles, v_.data(), why, report());
   }
-  // Tell what the sent x makes of the motors. solved: true if the dynamics are those of this tick.
+  // Pass the motion that the sent x demands of the motors. solved: true if the dynamics are those of this tick.
   void followed(bool solved) {
     if (!following_) return;
     const double* x = tick_.x_.data();
@@ -557,9 +558,9 @@ class Guarded {
   Clock::time_point begin_, filled_, solved_;
   Answered answer_{};
   std::size_t plain_notes_ = 0;
-  bool told_of_age_ = false;   // true once a note has said that states may be of any age
+  bool told_of_age_ = false;   // true after the note that states may be of any age
   std::int64_t rejected_ = 0;  // references in this tick
-  std::shared_ptr<Counters> counters_ = std::make_shared<Counters>();  // of all sessions that follow each other
+  std::shared_ptr<Counters> counters_ = std::make_shared<Counters>();  // shared by sessions that follow each other
   Tick tick_;
 };
 

@@ -40,9 +40,7 @@ class LimitWatch {
     for (const auto& part : parts_) last = std::max(last, part.second);
     return last;
   }
-  // Whether a rate has still to fade, or bounds meet.
-  bool busy() const { return busy_; }
-  // Whether the bounds of a joint meet: its limits are outside the window of what it can do.
+  // True if the bounds of a joint meet: its limits are outside the window of its reachable rates.
   bool meet() const { return meet_; }
 
   // Marks of all rows in a tick of that number, and notes on the limits that alternate.

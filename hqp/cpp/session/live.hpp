@@ -98,7 +98,7 @@ class GivenState {
 // A live session: references in, records out.
 class LiveSession {
  public:
-  explicit LiveSession(const nb::object& tree) : source_(tree), session_(hqp::Guarded::made(source_)) {
+  explicit LiveSession(const nb::object& tree) : source_(tree), session_(hqp::made<hqp::Guarded>(source_)) {
     const hqp::Line& line = session_->line();
     if (source_.foreign()) source_.foreign()->of(line.members(), line.rows());
     for (std::size_t m = 0; m < line.members().size(); ++m)

@@ -138,7 +138,7 @@ std::size_t Reference::size() const { return held().size(); }
 const std::vector<double>& Reference::held() const { return static_cast<const Stacks*>(session_)->held(element_); }
 const std::string& Reference::name() const { return session_->names()[element_]; }
 
-Session::Session(std::shared_ptr<const Plan> plan) : stacks_(Stacks::made(plan)), fingerprint_(plan->fingerprint()) {}
+Session::Session(std::shared_ptr<const Plan> plan) : stacks_(made<Stacks>(plan)), fingerprint_(plan->fingerprint()) {}
 Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;

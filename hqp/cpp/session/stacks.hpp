@@ -48,18 +48,7 @@ struct World {
 
 class Stacks {
  public:
-  static constexpr int kDeepest = 3;  // transitions that may be under way at a time
-
   // Throws PlanError if the plan is inconsistent.
-  static std::unique_ptr<Stacks> made(std::shared_ptr<const Plan> plan) {
-    try {
-      return std::make_unique<Stacks>(std::move(plan));
-    } catch (const PlanError&) {
-      throw;
-    } catch (const std::exception& error) {  // a part rejects its numbers, or memory is exhausted
-      throw PlanError(std::string("cannot make a session of the plan: ") + error.what());
-    }
-  }
   explicit Stacks(std::shared_ptr<const Plan> plan) : plan_(std::move(plan)) {
     const auto memory = std::make_shared<const Memory>(*plan_);
     const Node root(plan_->root(), *memory);
@@ -98,7 +87,7 @@ class Stacks {
     return *tick_;
   }
   const Tick& tick() const { return *tick_; }
-  // How far a change of stack has come, 1 if none is under way.
+  // Progress of a change of stack, 1 without one.
   double transition() const { return legs_.empty() ? 1.0 : legs_.back().transition->progress(); }
 
   // Switch to the stack of that name, at once or within `over` seconds at least. Throws ReferenceError for a name that
@@ -121,7 +110,7 @@ class Stacks {
       retire();
       current_ = &next;
     } else {
-      if (!legs_.empty() && legs_.back().transition->depth() >= kDeepest) {
+      if (!legs_.empty() && legs_.back().transition->depth() >= Transition::kDeepest) {
         legs_.back().transition->end();  // so many changes at a time: the oldest ones end here
         retire();
       }
@@ -150,7 +139,7 @@ class Stacks {
     if (found != names_.end()) return std::size_t(found - names_.begin());
     return stacks_[0].lines[0]->references().member(name);  // throws, and lists the names
   }
-  // As Guarded::set and Guarded::say, for the stacks at work. Throws ReferenceError if none has the element.
+  // Guarded::set and Guarded::say for the stacks at work. Throws ReferenceError if none has the element.
   void set(std::size_t element, int field, const double* values, std::size_t size) {
     require(element, offer(element, field, values, size));
   }
@@ -298,7 +287,7 @@ class Stacks {
     FileSource source;
     std::string name;
     std::vector<std::unique_ptr<Guarded>> lines;  // all of them share its rows and its solver
-    std::vector<int> members;                     // of each name of names_, -1 if it does not have it
+    std::vector<int> members;                     // index of each of names_, -1 for a name without a member
   };
   struct Route {
     std::size_t from, to;      // of named_
@@ -324,7 +313,7 @@ class Stacks {
   }
   void add(FileSource source, const std::string& name) {
     std::vector<std::unique_ptr<Guarded>> lines;
-    lines.push_back(Guarded::made(source));
+    lines.push_back(made<Guarded>(source));
     lines.back()->first();
     if (stacks_.empty() || !name.empty()) named_.push_back(stacks_.size());
     stacks_.push_back({std::move(source), name, std::move(lines), {}});
@@ -407,7 +396,7 @@ class Stacks {
     Stack& stack = stacks_[k];
     while (stack.lines.size() <= number) {
       for (const auto& other : stack.lines) other->all_in();
-      stack.lines.push_back(Guarded::made(stack.source));
+      stack.lines.push_back(made<Guarded>(stack.source));
       stack.lines.back()->share(), stack.lines.back()->join(*stacks_[0].lines[0]);
       if (unlimited_) stack.lines.back()->without_deadline();
     }

@@ -53,9 +53,10 @@ struct Way {
 
 class Transition {
  public:
+  static constexpr int kDeepest = 3;             // transitions that may be under way at a time
   static constexpr double kBearsNothing = 1e-2;  // largest force of a contact that is released [N, N m]
 
-  // Called around the ticks of stacks, by their indices on the way; what writes rows in Python needs it.
+  // Called around the ticks of stacks, by their indices on the way, for rows that Python writes.
   struct Hooks {
     virtual ~Hooks() = default;
     virtual void begins(std::size_t, std::size_t, bool) {}  // first and second stack; true if the second one is last
@@ -64,7 +65,7 @@ class Transition {
     virtual void sent() {}
   };
 
-  // Tick that stands for the blend, by its stack, and what comes on top of its notes; see tick().
+  // Tick that represents the blend, by its stack, and the notes to add to its own; see tick().
   struct Sent {
     std::size_t stack = 0, first = 0, second = 0;
     bool held = false, done = false;
@@ -174,13 +175,13 @@ class Transition {
   }
   // Start from the command that all stacks have begun with.
   void begin_sent() { x_ = last().sent(), good_ = true, held_ = 0; }
-  // Let the last stack take over from what was sent.
+  // Let the last stack take over from the last command.
   void end() {
     for (Guarded* one : stacks_) one->line().ahead(nullptr);
     pass_on(last());
     under_way_ = nullptr;
   }
-  // Let another stack go on alone from what was sent.
+  // Let another stack continue alone from the last command.
   void pass_on(Guarded& other) const {
     if (&other != &latest()) other.follow(latest(), x_.data());
     other.alone(x_.data());
@@ -231,7 +232,7 @@ class Transition {
 
   // Choose the way by the loads that contacts were measured to bear: if the ground is known to be under those that are
   // taken up, and those that are released bear little, answers may be blended as they are: forces follow from the
-  // torques, and so from what was measured.
+  // torques, and so from the measurement.
   void feel() {
     const auto all = [&](const std::vector<std::string>& names, bool bears) {
       return std::all_of(names.begin(), names.end(), [&](const std::string& name) {
@@ -253,7 +254,7 @@ class Transition {
     for (std::size_t k = 0; k + 1 < order_.size(); ++k) {
       const double span = way_.stops[order_[k]].switches ? 0.0 : 1.0;
       const Eased* eased = span > 0.0 ? stop(k + 1).eased.get() : nullptr;
-      // with tasks out of reach on the way out their answer moves too fast with what is asked of a contact that goes
+      // with tasks out of reach the answer changes too fast with the force of the released contact
       if (eased && !eased->second && !reached_) eased = nullptr;
       spans.push_back(span);
       easings_.push_back(eased ? std::make_unique<Easing>(stacks_[order_[k + (eased->second ? 1 : 0)]]->line(), *eased)
