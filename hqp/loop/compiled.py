@@ -157,7 +157,7 @@ class Compiled:
     moving: Kinematics | None
     layout: Layout
     tree: dict[str, Any] | None = None
-    """Of native sessions over the arrays of the program, once one was made."""
+    """Tree of native sessions over the arrays of the program, None before the first one."""
 
     @property
     def native_solver(self) -> bool:

@@ -1,4 +1,4 @@
-"""What a session lets in and out: one thread, references, states by size and age, rates of a command.
+"""Guards of a session's states and commands: one thread, references, states by size and age, rates of a command.
 
 hqp/cpp/session/outgoing.hpp has the rules.
 """

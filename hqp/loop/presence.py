@@ -1,4 +1,4 @@
-"""Which elements are in a tick, and their laws in a phase.
+"""Presence of elements in a tick, and their laws in a phase.
 
 An element that was out has its law at once.  hqp/cpp/rows/law_change.hpp has the rule.
 """

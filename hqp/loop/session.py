@@ -129,7 +129,7 @@ class Session:
 
     @property
     def heartbeat(self) -> int:
-        """The number of ticks that have ended: it rises with every tick, whatever its status.
+        """The number of ticks that have ended: it rises with every tick of any status.
 
         Any thread may read it.  A watchdog outside that sees the same value for longer than a few periods knows that
         the loop has stopped, and acts without the session: the session cannot.

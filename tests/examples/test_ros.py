@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Node:
-    """Of rclpy: what the example calls."""
+    """Stand-in for the node of rclpy, with the methods that the example calls."""
 
     def __init__(self, name: str) -> None:
         self.taken: dict[str, Any] = {}
@@ -67,7 +67,7 @@ def node_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def test_the_node_sends_what_its_session_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """In whatever order the driver names the joints."""
+    """Accept any order of the driver's joints."""
     robot = hqp.robots.load("ur5")
     session, _ = scene("ur5")
     stack = tmp_path / "stack.toml"

@@ -1,4 +1,4 @@
-"""A course between a walker and its plant: where the loads of its feet come from."""
+"""A course between a walker and its plant: the source of its feet's loads."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ namespace hqp {
 
 // Counters at one time.
 struct Counts {
-  std::int64_t ticks = 0;                // that have ended; the heartbeat
+  std::int64_t ticks = 0;                // ended ticks; the heartbeat
   std::int64_t late = 0;                 // ticks that took longer than the period dt
   std::int64_t cut = 0;                  // ticks whose search the deadline or the iteration limit stopped
   std::int64_t held = 0;                 // ticks whose command was coming to rest

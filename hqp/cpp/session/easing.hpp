@@ -38,7 +38,7 @@ struct Eased {
 
 class Easing final : public SolveCall {
  public:
-  static constexpr double kExponent = 0.75;  // p: at 1 nothing is blended, and what two stacks decide differently jumps
+  static constexpr double kExponent = 0.75;  // p: at 1 nothing is blended, and differences of two stacks jump
 
   Easing(const Line& line, const Eased& eased)
       : n_(std::size_t(line.size())), second_(eased.second), next_(line.solver()) {

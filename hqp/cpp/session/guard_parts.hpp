@@ -77,7 +77,7 @@ std::unique_ptr<MotorLimits> motor_limits(const Node& root, const Line& line, co
   return std::make_unique<MotorLimits>(robot.joint_names, p.numbers("inverse"), p.texts("units"), line.dt(), braking);
 }
 
-// Null if states do not tell their time: how old they are bounds what a joint may lack.
+// Null without an age limit of states: it bounds the motion that a joint may lack.
 template <class Node>
 std::unique_ptr<FollowWatch> follow_watch(const Node& root, const Line& line, const RobotNames& robot) {
   const Node guards = root.part("guards");

@@ -1,4 +1,4 @@
-// How far a transition has come from one stack to the next, and the blend of two answers at that point:
+// Progress of a transition from one stack to the next, and the blend of two answers at that point:
 //
 //   x = x_a + h (x_b - x_a),    h = 3 s^2 - 2 s^3 from 0 to 1
 //
@@ -22,7 +22,7 @@ inline double inverse(double h) { return 0.5 - std::sin(std::asin(1.0 - 2.0 * st
 class Ramp {
  public:
   static constexpr double kStill = 1e-9;  // share of the largest change below which a command is the same in both
-  // A transition that has taken this many times its duration goes on at a pace of 1 / kPatience whatever the command
+  // A transition that has taken this many times its duration goes on at a pace of 1 / kPatience for any command
   // does, so that it ends.
   static constexpr double kPatience = 10.0;
   static constexpr double kNearly = 1.0 - 1e-6;  // how far a pair gets while its command is limited

@@ -119,7 +119,7 @@ class Brake final : public Rest {
 
 // Torque level: tau = tau_g(q) - tau_v / T within the effort limits, T = max(damping, 2 dt).
 //
-// tau_v holds the momentum A qd as tau_g holds gravity, so that every joint slows down by qd / T whatever it carries,
+// tau_v holds the momentum A qd as tau_g holds gravity, so that every joint slows down by qd / T with any load,
 // while contacts hold; T is long enough that it never overshoots within one period. q is that of the last good state;
 // tau_v as well, fading with T, for damping by an old velocity would push. Where the dynamics fail, from the last
 // torque.

@@ -112,7 +112,7 @@ class Session {
   // Switch to the stack of that name, "" for the first one, at once or within `over` seconds at least; see Python's
   // Session.change. It may allocate. Throws ReferenceError for a name that the plan does not have or a bad duration.
   void change(const std::string& stack, double over = 0.0);
-  // How far a change of stack has come, 1 if none is under way.
+  // Progress of a change of stack, 1 without one.
   double transition() const noexcept;
   std::vector<std::string> stacks() const;  // names of the stacks, "" first
 
@@ -131,7 +131,7 @@ class Session {
   // Ticks, late and held ones, rejected data and longest times since the session was made; reset() keeps them. Any
   // thread may read them.
   Counts counters() const noexcept;
-  // The number of ticks that have ended: it rises with every tick, whatever its status. A watchdog in another thread
+  // The number of ticks that have ended: it rises with every tick of any status. A watchdog in another thread
   // that sees the same value for longer than a few periods knows that the loop has stopped.
   std::int64_t heartbeat() const noexcept;
 
@@ -142,7 +142,7 @@ class Session {
   void stop(const std::string& reason = "stop");
   void resume();
   std::string stopped() const;
-  // Forget warm start, hold values and the last command: as just made. A stop stays.
+  // Forget warm start, hold values and the last command. A stop stays.
   void reset();
 
   std::size_t levels() const;  // largest number of levels of a stack, those on the way of a change included

@@ -79,8 +79,8 @@ enum class Cause {
   kNoState,    // no good state so far
   kStopped,    // a stop holds the robot, where: its reason
   kStart,      // no command was known before the first tick
-  kAnyAge,     // states tell their time, but no limit of their age is declared
-  kFollow,     // the joint of that name does not do what it is sent
+  kAnyAge,     // states have a time, but no limit of their age is declared
+  kFollow,     // the joint of that name does not follow its command
   kForeign,    // a fault of rows written in Python
   kBears,      // a contact on its way out still carries a force [N] and, in `most`, a moment [N m]
 };

@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
   auto& parameters = controller.get_node()->parameters;
   const rclcpp_lifecycle::State state;
   parameters["plan"] = "missing.hqp";
-  if (controller.on_configure(state) != hqp_ros::Callback::ERROR) return 3;  // it says so and goes on
+  if (controller.on_configure(state) != hqp_ros::Callback::ERROR) return 3;  // it reports the error and continues
   parameters["plan"] = argv[1], parameters["element"] = argv[2];
   if (controller.on_configure(state) != hqp_ros::Callback::SUCCESS) return 2;
 
