@@ -113,7 +113,7 @@ class Snapshots:
         """Write snapshot ``i``; raises IndexError beyond the ring."""
 
 class Pace:
-    """Step sizes and termination of a descent: see hqp/goals/descent.py."""
+    """Step sizes and termination of a descent: see hqp/search/descent.py."""
 
     def __init__(
         self, step: float, least: float, progress: float, polish: float, still: float, stalled: int | None, last: int

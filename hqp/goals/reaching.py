@@ -14,17 +14,15 @@ from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelError
+from hqp.loop.session import one_second
+from hqp.search.newton import Search
+from hqp.search.starts import random_start
 
 from .kept import Kept
-from .search import Search
 
 _SEARCHES: Kept[Search] = Kept(8)
-INSIDE = 0.98
-"""Share of the joints' ranges that restarts are drawn from."""
 SETTLING = 0.2
 """Share of the budget that may be spent on top of it to settle levels that cannot be met."""
-BASE = 0.1
-"""A free base restarts within this of q0 [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def reach(
     """
     _check(stack, robot, references, q0, restarts=restarts, steps=steps, tolerance=tolerance, budget=budget)
     begin = time.perf_counter()
-    search = _SEARCHES.get(robot, stack, lambda copy: Search(stack, copy))
+    search = _SEARCHES.get(robot, stack, lambda copy: Search(stack, copy, one_second))
     q0 = robot.home if q0 is None else np.array(q0, dtype=np.float64)
     search.aim(q0, references)
     first = best = found = search.descend(q0, tolerance, steps, begin + budget)
@@ -96,15 +94,6 @@ def reach(
     reason = "" if best.met else _reason(search, best.merit, errors, starts, last)
     residuals = dict(zip(search.groups, search.residuals(errors), strict=True))
     return Reached(best.q, best.met, reason, residuals, errors, starts, taken, time.perf_counter() - begin)
-
-
-def random_start(robot: Robot, q0: Vec, rng: np.random.Generator) -> Vec:
-    """Draw joints inside their limits, within half a turn if they have none; a free base near that of q0."""
-    lower, upper = np.maximum(robot.lower, -math.pi), np.minimum(robot.upper, math.pi)
-    step = INSIDE * rng.uniform(lower, upper) - robot.state(q0).angles
-    if robot.floating:
-        step[:6] = rng.uniform(-BASE, BASE, 6)
-    return robot.integrate(q0, step, 1.0)
 
 
 def _reason(search: Search, merit: tuple[float, ...], errors: dict[str, float], starts: int, last: str) -> str:

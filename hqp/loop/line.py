@@ -23,7 +23,6 @@ from hqp.loop.callbacks import Callbacks
 from hqp.loop.compiled import Compiled
 from hqp.loop.document import assumed, session_tree
 from hqp.loop.guards import Turn, alone, refuse
-from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick
 from hqp.loop.way import surviving_holds
 from hqp.problem import Hierarchy, Status
@@ -51,8 +50,6 @@ class Guards:
     ages: bool
     turn: Turn
     first: tuple[Note, ...]
-    stuck: bool = True
-    """True if a thread searches for stuck tasks."""
     count: int = 0
     phase: str | None = None
     """The phase of the latest tick."""
@@ -101,7 +98,6 @@ class Line:
                 self.latest = before.transition.latest
             self.good, self.callbacks.last_good = before.good, before.callbacks.last_good
         self.teller = Teller(self.stack, self.program, self.workspace, self.robot, self.dt)
-        self.stuck = StuckWatch(self.stack, self.dt, self.guards.stuck)
         self._phase: str | None = None
         self._laws: Mapping[str, Law] | None = None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.law import Law
+from hqp.declare.price import Price
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
@@ -27,11 +29,12 @@ from hqp.loop.document import guards
 from hqp.loop.guards import Turn, alone, doubts, require
 from hqp.loop.line import Guards, Line
 from hqp.loop.presence import Presence
+from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick, Times
 from hqp.loop.transition import change
 from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import require_compiled
-from hqp.programs.formulation import Program
+from hqp.programs.formulation import Formulation, Program
 from hqp.solvers.base import Workspace
 
 if TYPE_CHECKING:
@@ -84,11 +87,12 @@ class Session:
                 ages=max_age is not None,
                 turn=self._turn,
                 first=first,
-                stuck=stuck,
             ),
             compiled,
         )
         """The stack at work."""
+        self._stuck = stuck
+        self._watch = self._watching()
         self.ending: Callable[[], bool] | None = None
         """Ends the motion under way if there is one, and returns true; its owner calls ``stop(..., at_once=True)`` at
         its end."""
@@ -96,6 +100,9 @@ class Session:
         """The reason of a stop that waits for that end, "" for none."""
         self._status = Status.OPTIMAL
         self._recorder: Recorder | None = None
+
+    def _watching(self) -> StuckWatch:
+        return StuckWatch(self.stack, self.dt, one_second, self._stuck)
 
     @property
     def stack(self) -> Stack:
@@ -254,8 +261,8 @@ class Session:
                     if reference.remarks:
                         told = [Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]
                         tick.add(tuple(told))
-            if line.guards.count >= line.stuck.due:
-                line.stuck.look(line, tick)
+            if line.guards.count >= self._watch.due:
+                self._watch.look(line, tick)
             if tick.status is not self._status:
                 self._log(tick)
             if self._recorder is not None:
@@ -319,6 +326,7 @@ class Session:
             vars(line).update(kept)
             self.line = line
             raise
+        self._watch = self._watching()
 
     def prepare(self, stack: Stack) -> None:
         """Compile a stack, and what a transition to it passes through, so that ``change`` finds it done.
@@ -387,6 +395,11 @@ class Session:
             "a Session cannot be pickled: it holds live arrays of Pinocchio and of the solver. Pickle "
             "session.controller, the robot's name, dt and (q, v) and make a new session of them, or pickle its ticks"
         )
+
+
+def one_second(stack: Stack, robot: Robot, formulation: Formulation, price: Price) -> Session:
+    """Make a session for steps of one second without a deadline, for a search of configurations."""
+    return Session(Controller(stack, formulation, deadline=math.inf, price=price), robot, 1.0, stuck=False)
 
 
 __all__ = ["Controller", "Note", "Session", "Tick", "Times"]

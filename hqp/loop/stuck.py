@@ -18,9 +18,10 @@ from hqp.loop.tick import Stuck
 from hqp.problem import Status
 
 if TYPE_CHECKING:
-    from hqp.goals.ways_out import Query
     from hqp.loop.line import Line
     from hqp.loop.tick import Tick
+    from hqp.search.sessions import Sessions
+    from hqp.search.ways_out import Query
 
 PERIOD, PATIENCE = 0.05, 0.5
 """Period of the check, and least duration of the error and of rest [s]."""
@@ -59,14 +60,14 @@ class StuckWatch:
     than 5 % nearer in a second has a note with the rows that hold it.  on: False looks for nothing.
     """
 
-    def __init__(self, stack: Stack, dt: float, on: bool = True) -> None:
+    def __init__(self, stack: Stack, dt: float, sessions: Sessions, on: bool) -> None:
         self._tasks = {
             task.name: (level, task)
             for level, elements in enumerate(stack.levels)
             for task in elements
             if on and isinstance(task, Task) and task.quantity == "motion" and not task.is_contact and not task.demands
         }
-        self._stack, self._period = stack, max(1, round(PERIOD / dt))
+        self._stack, self._sessions, self._period = stack, sessions, max(1, round(PERIOD / dt))
         self._patience = math.ceil(PATIENCE / (self._period * dt))
         self.due = self._period if self._tasks else math.inf
         """The tick of the next look; 0 while there is a note."""
@@ -124,10 +125,10 @@ class StuckWatch:
         if self._query is None or self._query.outdated(tick.state.q, line.last_references):
             self._note = None
             if self._query is None or self._query.done:
-                from hqp.goals.ways_out import Query
+                from hqp.search.ways_out import Query
 
-                references = line.last_references
-                self._query = Query(self._stack, line.robot, tick.state.q, references, self._tasks[name][0])
+                references, level = line.last_references, self._tasks[name][0]
+                self._query = Query(self._stack, line.robot, tick.state.q, references, level, self._sessions)
             return
         if self._query.posture is not None:
             told = (f"STUCK: {name} is at rest {off:.2g} {unit} from its target", *at_limits(line.robot, tick.state))

@@ -15,9 +15,11 @@ import hqp
 import hqp.robots
 from hqp import Level, Stack, _assembly, shapes
 from hqp.errors import DeclarationError, ModelError
-from hqp.goals import native, reaching
+from hqp.goals import reaching
 from hqp.goals.kept import Kept
-from hqp.goals.search import Search
+from hqp.loop.session import one_second
+from hqp.search import native, starts
+from hqp.search.newton import Search
 from hqp.robots import Robot
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture
 
@@ -218,11 +220,11 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
         goal = start.copy()
         goal[..., 3 if goal.ndim > 1 else slice(None)][:3] += rng.uniform(-0.4, 0.4, 3) * (4.0 if k > 5 else 1.0)
         goals.append(hand.at(goal))
-    search = Search(stack, robot)
+    search = Search(stack, robot, one_second)
     for goal in goals:
         search.aim(robot.home, [goal])
         for most in (3, 30):
-            start_q = reaching.random_start(robot, robot.home, rng)
+            start_q = starts.random_start(robot, robot.home, rng)
             one = search._native.descend(start_q, 1e-3, most, 60.0)
             other = search._descend(start_q, 1e-3, most, math.inf, False)
             assert one is not None
@@ -285,10 +287,10 @@ def test_starts_are_drawn_all_around() -> None:
     """Joints over their ranges, and the base to both sides in every direction."""
     robot = hqp.robots.load("g1")
     rng = np.random.default_rng(3)
-    drawn = np.array([reaching.random_start(robot, robot.home, rng) for _ in range(200)])
+    drawn = np.array([starts.random_start(robot, robot.home, rng) for _ in range(200)])
     base = np.array([robot.difference(robot.home, q)[:6] for q in drawn])
-    assert np.all(base.min(axis=0) < -0.5 * reaching.BASE)
-    assert np.all(base.max(axis=0) > 0.5 * reaching.BASE)
-    assert np.all(np.abs(base) <= 2.0 * reaching.BASE)
+    assert np.all(base.min(axis=0) < -0.5 * starts.BASE)
+    assert np.all(base.max(axis=0) > 0.5 * starts.BASE)
+    assert np.all(np.abs(base) <= 2.0 * starts.BASE)
     share = (drawn[:, 7:] - robot.lower[6:]) / (robot.upper - robot.lower)[6:]
     assert np.all((share.min(axis=0) < 0.15) & (share.max(axis=0) > 0.85))

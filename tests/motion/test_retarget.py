@@ -13,7 +13,7 @@ import hqp
 from hqp.__main__ import main
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
-from hqp.goals.ways_out import turned
+from hqp.search.starts import turned
 from hqp.motion import Motion, Retargeted, anchored, retarget, retargeting
 from hqp.motion.contacts import NAMES
 from hqp.motion.holds import Hold

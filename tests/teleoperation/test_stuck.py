@@ -14,7 +14,7 @@ import hqp
 from hqp import Level, P, Stack, Status, Tick
 from hqp.arrays import Vec
 from hqp.declare.reference import Reference
-from hqp.goals import ways_out
+from hqp.search import ways_out
 from hqp.tasks import FixedContact, JointLimits, Position, Posture
 from tests.scenes.calm.arrival import case
 from tests.scenes.calm.drawn import scene

@@ -14,7 +14,8 @@ from hqp import Level, P, Stack
 from hqp.declare.element import Element
 from hqp.declare.robot import Robot
 from hqp.errors import ModelWarning
-from hqp.goals.search import Search
+from hqp.loop.session import one_second
+from hqp.search.newton import Search
 from hqp.tasks import Ball, Com, EdgeContact, FixedContact, Hinge, JointLimits, PointContact, Posture, Weld
 from tests.scenes import mechanisms
 
@@ -208,4 +209,4 @@ def test_a_session_warns_once_where_it_is_made(tmp_path: Path) -> None:
     state = robot.state()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Search(session.stack, robot.copy()).aim(state.q, [lead.at([1.0])])
+        Search(session.stack, robot.copy(), one_second).aim(state.q, [lead.at([1.0])])

@@ -1,4 +1,4 @@
-// Newton steps of a hierarchy towards its targets, to the end, in one call; see hqp/goals/search.py.
+// Newton steps of a hierarchy towards its targets, to the end, in one call; see hqp/search/newton.py.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ struct Told {
   int group;    // its level, -1 where the error counts for nothing
 };
 
-struct Pace {  // sizes of steps and when to end; see the constants in hqp/goals/search.py
+struct Pace {  // sizes of steps and when to end; see the constants in hqp/search/newton.py
   double step, least, progress, polish, still;
   std::optional<int> stalled;  // none: never given up
   int last;

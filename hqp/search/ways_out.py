@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from threading import Thread, main_thread
 
@@ -15,14 +14,15 @@ from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.errors import HqpError
 
-from .reaching import random_start
-from .search import Search
+from .newton import Search
+from .sessions import Sessions
+from .starts import starts
 
 TOLERANCE = 1e-3
 """Tolerance of a posture's target [m, rad]."""
 
-RANDOM, STEPS, BUDGET = 24, 40, 1.0
-"""Random starts after the others, steps of each, and the time for all [s]."""
+STEPS, BUDGET = 40, 1.0
+"""Largest number of steps of a start, and the time for all [s]."""
 
 PAUSE = 2.0
 """After a search in vain the next one waits for so long [s]."""
@@ -38,8 +38,17 @@ class Query:
     from random configurations.  done: true once the search has ended.  posture: its result, None without one.
     """
 
-    def __init__(self, stack: Stack, robot: Robot, q: Vec, references: tuple[Reference, ...], level: int) -> None:
+    def __init__(
+        self,
+        stack: Stack,
+        robot: Robot,
+        q: Vec,
+        references: tuple[Reference, ...],
+        level: int,
+        sessions: Sessions,
+    ) -> None:
         self._stack, self._q, self._references, self._level = stack, q.copy(), references, level
+        self._sessions = sessions
         self.done, self._ended = False, 0.0
         self.posture: Vec | None = None
         self._robot = robot.copy()
@@ -70,7 +79,7 @@ class Query:
     def _search(self) -> Vec | None:
         robot, end = self._robot, time.perf_counter() + BUDGET
         apart = [element.name for element in self._stack if element.quantity != "motion"]
-        search = Search(self._stack.without(*apart) if apart else self._stack, robot)
+        search = Search(self._stack.without(*apart) if apart else self._stack, robot, self._sessions)
         search.aim(self._q, self._references)
         _, errors = search.step(self._q, whole=True)
         allowed = [*search.merit(errors, TOLERANCE)[: self._level + 1], 1.0]
@@ -82,29 +91,3 @@ class Query:
                 return None
             time.sleep(0.0)  # the loop comes first
         return None
-
-
-def starts(robot: Robot, q: Vec) -> Iterator[Vec]:
-    """Configurations to begin from: q, home where the base is, both turned about the vertical, random ones."""
-    home = robot.home.copy()
-    if robot.floating:
-        home[:7] = q[:7]
-    yield q
-    yield home
-    rng = np.random.default_rng(0)
-    turns = (np.pi, 0.5 * np.pi, -0.5 * np.pi) if robot.floating else ()
-    for turn in turns:
-        yield turned(robot, home, turn)
-        yield turned(robot, q, turn)
-    for i in range(RANDOM):
-        start = random_start(robot, q, rng)
-        yield turned(robot, start, turns[i % 3]) if turns and i % 4 else start
-
-
-def turned(robot: Robot, q: Vec, angle: float) -> Vec:
-    """The base turned about the vertical through its origin [rad]."""
-    x, y, z, w = q[3:7].tolist()
-    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
-    found = q.copy()
-    found[3:7] = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
-    return found

@@ -11,10 +11,10 @@ from hqp.arrays import Vec
 from hqp.declare.element import Element, Inequality
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
-from hqp.loop.session import Session
 from hqp.programs.assembly import LARGEST, kinematics
 
 from .descent import LAST, LEAST, POLISH, PROGRESS, STEP, Descent
+from .sessions import Session
 
 if TYPE_CHECKING:
     from hqp._assembly import Descents

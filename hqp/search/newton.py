@@ -17,11 +17,11 @@ from hqp.declare.price import Price
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
-from hqp.loop.session import Controller, Session
 from hqp.programs.formulation import Velocity
 
 from .descent import LAST, LEAST, POLISH, PROGRESS, SETTLED, STALLED, STEP, STILL, Descent, Merit
 from .native import NativeDescents
+from .sessions import Session, Sessions
 
 CAP = 0.5
 """Most of an error that one step goes for [m or rad]: more would only press joints against their limits."""
@@ -63,10 +63,10 @@ def steps_of(stack: Stack, robot: Robot) -> Stack:
 class Search:
     """Compile a stack for steps of one second; its rows hold the errors."""
 
-    def __init__(self, stack: Stack, robot: Robot) -> None:
+    def __init__(self, stack: Stack, robot: Robot, sessions: Sessions) -> None:
         from hqp.tasks import JointLimits
 
-        self.robot = robot
+        self.robot, self._sessions = robot, sessions
         self._stack, self._laws = steps_of(stack, robot), Velocity(law=P(1.0), contact_law=P(1.0))
         self._exact = self._compiled(Price(0.0))
         self._calm: Compiled | None = None
@@ -84,8 +84,7 @@ class Search:
         self._calm_native: NativeDescents | None = None
 
     def _compiled(self, price: Price) -> Compiled:
-        controller = Controller(self._stack, self._laws, deadline=math.inf, price=price)
-        session = Session(controller, self.robot, 1.0, stuck=False)
+        session = self._sessions(self._stack, self.robot, self._laws, price)
         members = session.program.assembly.members
         tasks = (e.name for e in session.stack if e.name in members and not isinstance(e, Inequality))
         return Compiled(session, session.stack, [(name, members[name].views.error) for name in tasks])
