@@ -18,9 +18,9 @@ from hqp.errors import DeclarationError, ModelError
 from hqp.goals import reaching
 from hqp.goals.kept import Kept
 from hqp.loop.session import one_second
+from hqp.robots import Robot
 from hqp.search import native, starts
 from hqp.search.newton import Search
-from hqp.robots import Robot
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture
 
 TOOLS = {"ur5": ("tool0",), "panda": ("panda_hand_tcp",), "g1": ("left_wrist_yaw_link", "right_wrist_yaw_link")}

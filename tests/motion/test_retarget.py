@@ -13,7 +13,6 @@ import hqp
 from hqp.__main__ import main
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
-from hqp.search.starts import turned
 from hqp.motion import Motion, Retargeted, anchored, retarget, retargeting
 from hqp.motion.contacts import NAMES
 from hqp.motion.holds import Hold
@@ -21,6 +20,7 @@ from hqp.motion.shortfalls import NOTED, PARTS
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.smoothing import Course
 from hqp.motion.tracker import Pass, Tracker
+from hqp.search.starts import turned
 
 from .files import mirrored, renamed
 from .people import FPS, crouch, stand, walk, write_npz
