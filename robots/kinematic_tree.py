@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,8 +10,6 @@ import pinocchio as pin
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Placed, TreeJoint
-
-    from .on_pinocchio import Robot
 
 TURNING, CONTINUOUS, SLIDING, BALL, FREE, PLANAR, TRANSLATING = range(7)
 WHOLE = {
@@ -21,9 +20,9 @@ WHOLE = {
 }
 
 
-def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
-    """One for each body but the world; None where a joint is a screw, whose turn and slide are one coordinate."""
-    model, found = robot.model, []
+def joints(model: Any, bodies: Sequence[Any]) -> tuple[TreeJoint, ...] | None:
+    """One for each body but the world; None if a joint is a screw, whose turn and slide are one coordinate."""
+    found = []
     neutral, moving = pin.neutral(model), np.zeros(model.nv)
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.joints[i].shortname()
@@ -40,15 +39,15 @@ def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
             turns = bool(np.any(np.abs(twist.angular) > 1e-12))
             kind = (CONTINUOUS if joint.nq == 2 else TURNING) if turns else SLIDING
             axis = twist.angular if turns else twist.linear
-        placed = _placed(int(model.parents[i]), model.jointPlacements[i], robot.bodies[i][5])
+        placed = _placed(int(model.parents[i]), model.jointPlacements[i], bodies[i][5])
         found.append((kind, int(joint.idx_q), int(joint.idx_v), tuple(axis.tolist()), placed))
     return tuple(found)
 
 
-def frames(robot: Robot) -> tuple[Placed, ...]:
-    """The frames whose placements somebody has a live view of."""
-    every = robot.model.frames
-    return tuple(_placed(int(every[i].parentJoint), every[i].placement, v) for i, v in robot._views.items())
+def frames(model: Any, views: Mapping[int, Any]) -> tuple[Placed, ...]:
+    """The frames with live views of their placements, by index."""
+    every = model.frames
+    return tuple(_placed(int(every[i].parentJoint), every[i].placement, v) for i, v in views.items())
 
 
 def _placed(parent: int, placement: Any, views: Any) -> Placed:

@@ -228,13 +228,13 @@ class Robot:
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, None where one is a screw."""
         if self._tree is False:
-            self._tree = kinematic_tree.joints(self)
+            self._tree = kinematic_tree.joints(self.model, self.bodies)
         return self._tree
 
     @property
     def placed_frames(self) -> Sequence[Placed]:
         """Frames whose ``placement`` was used so far."""
-        return kinematic_tree.frames(self)
+        return kinematic_tree.frames(self.model, self._views)
 
     def body(self, frame: int) -> int:
         """Index of the body that a frame is fixed in."""

@@ -128,7 +128,9 @@ class CollisionAvoidance(Inequality):
         [rad/s], world axes; it does not change within the tick.  Raises DeclarationError for an unknown name or an
         invalid pose or velocity.
         """
-        return Reference(self.name, collision_world.moved(self, poses, {} if velocity is None else velocity))
+        return Reference(
+            self.name, collision_world.moved(self, self.world, poses, {} if velocity is None else velocity)
+        )
 
     def near(self, state: State, value: Mat | None = None) -> list[Near | None]:
         """Content of each slot: its pair or end, distance, normal and nearest point; None for a free slot."""

@@ -6,14 +6,11 @@ import math
 import xml.etree.ElementTree as ET
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from hqp.declare.element import Element
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
-from hqp.shapes import LinkCapsule
-
-if TYPE_CHECKING:
-    from .collision import CollisionAvoidance
+from hqp.shapes import LinkCapsule, Shape
 
 APART = 3
 """Links this many joints apart or nearer are neighbours, which may touch."""
@@ -21,18 +18,23 @@ SHORT = 0.01
 """Capsules whose axis is shorter than this [m] are as good as a ball."""
 
 Pair = tuple[int, int]
+World = tuple[Shape, ...]
+Named = str | tuple[tuple[str, str], ...]
 
 
-def candidates(element: CollisionAvoidance, robot: Robot) -> tuple[tuple[LinkCapsule, ...], list[Pair]]:
+def candidates(
+    element: Element, robot: Robot, world: World, named: Named
+) -> tuple[tuple[LinkCapsule, ...], list[Pair]]:
     """The links' capsules and pairs of shapes, numbered in the order of capsules, then the world's shapes.
 
+    element: for errors.  world, named: its ``world`` and ``pairs``.
     Next to a pair of a capsule with something flat stand those of its two ends, as capsules of no length.  The nearest
     point of a capsule that lies on a face jumps from one end to the other, and commands alternate where only that
     point has a row.  Raises DeclarationError for names and files of no use.
     """
-    capsules, world = tuple(robot.capsules), element.world
+    capsules = tuple(robot.capsules)
     links = len(capsules)
-    pairs = _pairs(element, robot, capsules)
+    pairs = _pairs(element, robot, world, named, capsules)
     flat = {links + k for k, shape in enumerate(world) if shape.kind not in ("sphere", "capsule")}
     lying = [(i, j) for i, j in pairs if j in flat and math.dist(capsules[i].a, capsules[i].b) > SHORT]
     ends: dict[int, int] = {}
@@ -46,17 +48,17 @@ def candidates(element: CollisionAvoidance, robot: Robot) -> tuple[tuple[LinkCap
     return (*capsules, *points), whole + [(ends[i] + k, j + more) for i, j in lying for k in (0, 1)]
 
 
-def _pairs(element: CollisionAvoidance, robot: Robot, capsules: tuple[LinkCapsule, ...]) -> list[Pair]:
-    pairs, links = element.pairs, len(capsules)
-    every = range(links + len(element.world))
+def _pairs(element: Element, robot: Robot, world: World, pairs: Named, capsules: tuple[LinkCapsule, ...]) -> list[Pair]:
+    links = len(capsules)
+    every = range(links + len(world))
     if not isinstance(pairs, str):
-        wanted = [(_named(element, robot, one), _named(element, robot, two)) for one, two in pairs]
+        wanted = [(_named(element, robot, world, one), _named(element, robot, world, two)) for one, two in pairs]
         found = {(min(i, j), max(i, j)) for a, b in wanted for i in a for j in b if min(i, j) < links}
-        body = [c.body for c in capsules] + [0] * len(element.world)
+        body = [c.body for c in capsules] + [0] * len(world)
         return sorted((i, j) for i, j in found if body[i] != body[j])
-    world = [(i, j) for i in range(links) for j in every[links:] if capsules[i].body > 0]
+    outside = [(i, j) for i in range(links) for j in every[links:] if capsules[i].body > 0]
     if pairs == "world":
-        return world
+        return outside
     off = robot.disabled_pairs if pairs == "auto" else _disabled(element, pairs)
     names, body = [_link(c.name) for c in capsules], [c.body for c in capsules]
     within = [
@@ -64,7 +66,7 @@ def _pairs(element: CollisionAvoidance, robot: Robot, capsules: tuple[LinkCapsul
         for i, j in combinations(range(links), 2)
         if joints_between(robot, body[i], body[j]) > APART and frozenset((names[i], names[j])) not in off
     ]
-    return within + world
+    return within + outside
 
 
 def joints_between(robot: Robot, one: int, two: int) -> int:
@@ -79,7 +81,7 @@ def joints_between(robot: Robot, one: int, two: int) -> int:
     return count
 
 
-def _disabled(element: CollisionAvoidance, path: str) -> set[frozenset[str]]:
+def _disabled(element: Element, path: str) -> set[frozenset[str]]:
     """Pairs of links that an SRDF disables; raises DeclarationError where it cannot be read."""
     try:
         root = ET.parse(Path(path)).getroot()
@@ -90,9 +92,9 @@ def _disabled(element: CollisionAvoidance, path: str) -> set[frozenset[str]]:
     return {frozenset((str(e.get("link1")), str(e.get("link2")))) for e in root.iter("disable_collisions")}
 
 
-def _named(element: CollisionAvoidance, robot: Robot, name: str) -> list[int]:
+def _named(element: Element, robot: Robot, world: World, name: str) -> list[int]:
     """Shapes of a link, a joint group, or the world; raises DeclarationError with the closest names."""
-    capsules, world = tuple(robot.capsules), element.world
+    capsules = tuple(robot.capsules)
     found = [k for k, c in enumerate(capsules) if name in (c.name, _link(c.name))]
     found += [len(capsules) + k for k, s in enumerate(world) if s.name == name]
     bodies = {robot.subtree(joint) for joint in robot.groups.get(name, ())}

@@ -59,7 +59,7 @@ class Scene:
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
         self._robot: Robot = proxy(robot)  # the robot holds the scene, not the other way round
         self._element = element
-        self.capsules, self.pairs = candidates(element, robot)
+        self.capsules, self.pairs = candidates(element, robot, element.world, element.pairs)
         self.world: tuple[Shape, ...] = element.world
         self.links = len(self.capsules)
         if any(shape.is_mesh for shape in self.world):

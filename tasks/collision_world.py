@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.element import Element
 from hqp.shapes import Shape
-
-if TYPE_CHECKING:
-    from .collision import CollisionAvoidance
 
 
 def poses(world: tuple[Shape, ...], value: Mat | None = None) -> Mat:
@@ -24,14 +22,14 @@ def poses(world: tuple[Shape, ...], value: Mat | None = None) -> Mat:
     return found
 
 
-def moved(element: CollisionAvoidance, places: Mapping[str, Any], rates: Mapping[str, Any]) -> Mat:
-    """The shapes of an element ``(n, 6, 4)`` with these poses and velocities; raises DeclarationError."""
+def moved(element: Element, world: tuple[Shape, ...], places: Mapping[str, Any], rates: Mapping[str, Any]) -> Mat:
+    """The shapes of an element's world ``(n, 6, 4)`` with these poses and velocities; raises DeclarationError."""
     for what, named in (("poses", places), ("velocity", rates)):
         if not isinstance(named, Mapping):
             raise element.invalid(what, named, 'a table by the name of the shape, such as {"ball": (0.4, 0.0, 0.5)}')
-    value = poses(element.world)
+    value = poses(world)
     for name, pose in places.items():
-        i, given = _index(element, name), _numbers(element, f"pose of {name}", pose)
+        i, given = _index(element, world, name), _numbers(element, f"pose of {name}", pose)
         if given.shape == (3,):
             value[i, :3, 3] = given
         elif given.shape == (4, 4):
@@ -39,7 +37,7 @@ def moved(element: CollisionAvoidance, places: Mapping[str, Any], rates: Mapping
         else:
             raise element.invalid(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
     for name, rate in rates.items():
-        i, given = _index(element, name), _numbers(element, f"velocity of {name}", rate)
+        i, given = _index(element, world, name), _numbers(element, f"velocity of {name}", rate)
         if given.shape not in ((3,), (6,)):
             raise element.invalid(f"velocity of {name}", rate, "(3,) [m/s], or (6,) with an angular velocity [rad/s]")
         value[i, 4, :3] = given[:3]
@@ -47,15 +45,15 @@ def moved(element: CollisionAvoidance, places: Mapping[str, Any], rates: Mapping
     return value
 
 
-def _numbers(element: CollisionAvoidance, what: str, value: Any) -> Vec:
+def _numbers(element: Element, what: str, value: Any) -> Vec:
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise element.invalid(what, value, "numbers") from error
 
 
-def _index(element: CollisionAvoidance, name: str) -> int:
-    names = [s.name for s in element.world]
+def _index(element: Element, world: tuple[Shape, ...], name: str) -> int:
+    names = [s.name for s in world]
     if name not in names:
         raise element.invalid("shape", name, ", ".join(names) or "none, the element has no world")
     return names.index(name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import pickle
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,7 @@ from hqp.errors import DeclarationError
 
 from .contacts import Mask
 from .measures import Measures
-from .shortfalls import Names, Shortfall
+from .shortfalls import PARTS, Names, Shortfall
 
 FORMATS = (".npz", ".csv", ".pkl")
 
@@ -75,20 +75,46 @@ class Retargeted:
         return {**self.measures.summary(), "frames_per_second": len(self) / self.time if self.time > 0.0 else np.inf}
 
     def save(self, path: str | Path) -> Path:
-        """Write the motion: ``.npz`` with all there is, ``.csv`` as Unitree's and BeyondMimic's tools read it, ``.pkl``
-        as GMR writes it.
+        """Write the motion: ``.npz`` with all data and their orders, ``.csv`` as Unitree's and BeyondMimic's tools
+        read it, ``.pkl`` as GMR writes it.
 
         Raises DeclarationError for another ending.
         """
-        from .export import as_csv, as_npz, as_pickle
-
         path = Path(path)
-        writers: dict[str, Callable[[Retargeted, Path], None]]
-        writers = {".npz": as_npz, ".csv": as_csv, ".pkl": as_pickle}
+        writers = dict(zip(FORMATS, (self._npz, self._csv, self._pickle), strict=True))
         if path.suffix.lower() not in writers:
             raise DeclarationError("retarget", "unknown file type", value=str(path), allowed=", ".join(FORMATS))
-        writers[path.suffix.lower()](self, path)
+        writers[path.suffix.lower()](path)
         return path
+
+    def _npz(self, path: Path) -> None:
+        position, quaternion = self.base
+        np.savez_compressed(
+            path, q=self.q, v=self.v, contacts=self.contacts, fps=self.fps,
+            joint_names=np.array(self.joint_names), contact_names=np.array(self.contact_names),
+            body_names=np.array([self.robot.joint_name(body[1]) for body in self.robot.bodies[1:]]),
+            quaternion_order="xyzw", joint_order="depth first", robot=self.robot.name, base_position=position,
+            base_quaternion=quaternion, angles=self.angles, person=self.person,
+            person_parents=np.array(self.person_parents, dtype=int), part_names=np.array(PARTS),
+            part_errors=np.column_stack([self.measures.errors[part] for part in PARTS]), gave_way=self.gave_way,
+        )  # fmt: skip
+
+    def _csv(self, path: Path) -> None:
+        """A row a frame without a header: base x y z, quaternion xyzw, joints in the robot's order [m, rad].
+
+        The retargeted LAFAN1 of Unitree has this form, which BeyondMimic's csv_to_npz.py reads; the frame rate is not
+        in it.
+        """
+        np.savetxt(path, np.hstack((*self.base, self.angles)), delimiter=",", fmt="%.9g")
+
+    def _pickle(self, path: Path) -> None:
+        """The dictionary that GMR writes: fps, root_pos, root_rot (xyzw), dof_pos."""
+        position, quaternion = self.base
+        found = {
+            "fps": self.fps, "root_pos": position.copy(), "root_rot": quaternion.copy(), "dof_pos": self.angles,
+            "local_body_pos": None, "link_body_list": None, "dof_names": list(self.joint_names),
+        }  # fmt: skip
+        path.write_bytes(pickle.dumps(found))
 
     def html(self, path: str | Path) -> Path:
         """Write the report as one page with curves; needs plotly."""
