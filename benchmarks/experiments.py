@@ -32,8 +32,9 @@ NAMES = {
     "dreamer-statistics": "sentis2012.experiments.statistics",
     "walking": "walking.statistics",
     "standing-pushes": "walking.pushes",
+    "stops": "stops",
 }
-BY_NAME = ("cbi-statistics", "dreamer-statistics", "walking", "standing-pushes")
+BY_NAME = ("cbi-statistics", "dreamer-statistics", "walking", "standing-pushes", "stops")
 """Omitted in the short versions: distributions and a search, which need many runs."""
 
 SHORT = tuple(name for name in NAMES if name not in BY_NAME)

@@ -18,7 +18,7 @@ from benchmarks.lab.outcome import HEADER, Figure, Table, table
 from hqp.markdown import table as markdown
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("results/dreamer.md", "results/cbi.md", "results/walking.md")
+PAGES = ("results/dreamer.md", "results/cbi.md", "results/walking.md", "results/stops.md")
 DATA = DOCS / "data"
 
 MARKED = re.compile(r"(?<=<!-- table: )(?P<name>[^>]+?)(?P<open> -->\n)(?P<body>.*?)(?P<close><!-- end -->)", re.DOTALL)

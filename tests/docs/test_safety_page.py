@@ -1,4 +1,4 @@
-"""Each promise of docs/safety.md names the tests that hold it, and these tests run."""
+"""Each promise of docs/safety.md and docs/operation.md names the tests that hold it, and these tests run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import subprocess
 import sys
 from collections.abc import Collection
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 TESTS = {path.name: path for path in (ROOT / "tests").rglob("test_*.py")}
@@ -57,9 +59,10 @@ def left_out(path: Path) -> list[str]:
     return [name for name, mark in marks.items() if whole or re.search(NEVER, mark)]
 
 
-def test_every_promise_has_tests_that_run() -> None:
-    page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-    assert len(promises(page)) >= 30
+@pytest.mark.parametrize(("name", "least"), [("safety", 30), ("operation", 15)])
+def test_every_promise_has_tests_that_run(name: str, least: int) -> None:
+    page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    assert len(promises(page)) >= least
     assert not broken(page, running(page))
 
 

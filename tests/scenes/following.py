@@ -21,7 +21,7 @@ from hqp.tasks.polygons import shrunk
 
 DT = 0.002
 MAX_AGE = 0.02
-HANDS = {"ur5": "tool0", "panda": "panda_hand_tcp"}
+HANDS = {"ur5": "tool0", "ur10": "tool0", "panda": "panda_hand_tcp"}
 SERVO = Servo(other=4000.0, damping_time=0.05)
 
 
@@ -43,7 +43,7 @@ class Fault:
 @dataclass
 class Loop:
     """A hand on its way to a drawn target: measured ``late`` ticks late with noise [rad/s], pushed [N] for 50 ms
-    repeatedly, with a wall in its way, or with a fault."""
+    repeatedly, with a wall in its way, or with a fault; exact: integrated, without MuJoCo."""
 
     name: str
     level: str
@@ -58,6 +58,7 @@ class Loop:
     notes: list[str] = field(default_factory=list)
     commands: list[Vec] = field(default_factory=list)
     braking: Braking = field(default_factory=Braking)
+    exact: bool = False
 
     def __post_init__(self) -> None:
         self.robot = robot = load(self.name)
@@ -93,46 +94,61 @@ class Loop:
         self.plant = Plant(robot, timestep=DT / 2, edit=edit, terrain=Plane() if feet else None, **servo)
         self.motors = robot.actuated
         self.places = self.motors + (robot.nq - robot.nv)
+        self.q, self.v = self.plant.reset(robot.home.copy())
+        self._sent = self.q[self.places].copy()
+        self._measured: deque[tuple[float, Vec, Vec]] = deque(maxlen=self.late + 1)
+        self._frozen: tuple[Vec, Vec] | None = None
+        self._locked: dict[int, Any] = {}
 
     def run(self) -> Loop:
         """Run all ticks."""
-        q, v = self.plant.reset(self.robot.home.copy())
-        sent, frozen = q[self.places].copy(), None
-        measured: deque[tuple[float, Vec, Vec]] = deque(maxlen=self.late + 1)
-        held: dict[int, Any] = {}
-        fault = self.fault or Fault("none", at=math.inf)
-        for k in range(self.ticks):
-            now = k * DT
-            at, speed = q.copy(), v.copy()
-            at[self.places] += 0.02 * self.noise * self.draw.normal(size=self.motors.size)
-            speed[self.motors] += self.noise * self.draw.normal(size=self.motors.size)
-            measured.append((now, at, speed))
-            told, at, speed = measured[0]
-            if now >= fault.at and fault.kind == "frozen":
-                frozen = frozen or (at, speed)
-                at, speed = frozen
-            if now >= fault.at and fault.kind == "exchanged":
-                at, speed = exchanged(at, self.places, fault.joints), exchanged(speed, self.motors, fault.joints)
-            tick = self.session.step(self.robot.state(at, speed, time=told), self.hand.at(self.goal), now=now)
-            self.statuses.append(tick.status)
-            self.notes += [note.detail for note in tick.notes if note.element == "joints"]
-            self.commands.append(tick.command)
-            if self.push and k % 150 < 25:  # 50 ms in another direction each time
-                self.plant.push(self.hand.frame, self.push * np.array([math.cos(k // 150), math.sin(k // 150), 0.3]))
-            if self.level == "velocity":
-                sent = sent + DT * tick.command
-                self.plant.step(sent, tick.command, steps=2)
-            elif self.level == "acceleration":
-                true = self.twin.state(q, v)
-                self.plant.step((true.mass_matrix() @ tick.x + true.bias_force())[self.motors], steps=2)
-            else:
-                self.plant.step(tick.command, steps=2)
-            before, (q, v) = q, self.plant.state()
-            if now >= fault.at and fault.kind == "blocked":  # a brake locks the joint in place
-                for i in fault.joints:
-                    q[self.places[i]], v[self.motors[i]] = held.setdefault(i, before[self.places[i]]), 0.0
-                self.plant.data.qpos[:], self.plant.data.qvel[:] = self.plant.map.to_mujoco(q, v)
+        while len(self.statuses) < self.ticks:
+            self.step()
         return self
+
+    def step(self) -> None:
+        """Run one tick."""
+        k, q, v = len(self.statuses), self.q, self.v
+        now, fault = k * DT, self.fault or Fault("none", at=math.inf)
+        at, speed = q.copy(), v.copy()
+        at[self.places] += 0.02 * self.noise * self.draw.normal(size=self.motors.size)
+        speed[self.motors] += self.noise * self.draw.normal(size=self.motors.size)
+        self._measured.append((now, at, speed))
+        told, at, speed = self._measured[0]
+        if now >= fault.at and fault.kind == "frozen":
+            self._frozen = self._frozen or (at, speed)
+            at, speed = self._frozen
+        if now >= fault.at and fault.kind == "exchanged":
+            at, speed = exchanged(at, self.places, fault.joints), exchanged(speed, self.motors, fault.joints)
+        tick = self.session.step(self.robot.state(at, speed, time=told), self.hand.at(self.goal), now=now)
+        self.statuses.append(tick.status)
+        self.notes += [note.detail for note in tick.notes if note.element == "joints"]
+        self.commands.append(tick.command)
+        if self.push and k % 150 < 25:  # 50 ms in another direction each time
+            self.plant.push(self.hand.frame, self.push * np.array([math.cos(k // 150), math.sin(k // 150), 0.3]))
+        if self.exact:
+            self.q, self.v = tick.advance()
+            return
+        if self.level == "velocity":
+            self._sent = self._sent + DT * tick.command
+            self.plant.step(self._sent, tick.command, steps=2)
+        elif self.level == "acceleration":
+            true = self.twin.state(q, v)
+            self.plant.step((true.mass_matrix() @ tick.x + true.bias_force())[self.motors], steps=2)
+        else:
+            self.plant.step(tick.command, steps=2)
+        self.q, self.v = self.plant.state()
+        if now >= fault.at and fault.kind == "blocked":  # a brake locks the joint in place
+            for i in fault.joints:
+                self.q[self.places[i]] = self._locked.setdefault(i, q[self.places[i]])
+                self.v[self.motors[i]] = 0.0
+            self.plant.data.qpos[:], self.plant.data.qvel[:] = self.plant.map.to_mujoco(self.q, self.v)
+
+    def place(self) -> Vec:
+        """Place of the hand in the plant [m]."""
+        if self.exact:
+            return self.twin.state(self.q).position(self.hand.frame).copy()
+        return self.plant.place(self.hand.frame)[0].copy()
 
     @property
     def caught(self) -> float:
