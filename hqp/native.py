@@ -50,10 +50,10 @@ ISAS = ("generic", "avx2")
 
 def check_instruction_set() -> None:
     """Raise ImportError if HQP_ISA names kernels that are unknown, or that this machine or build lacks."""
-    asked = os.environ.get("HQP_ISA", "")
-    if asked and asked not in ISAS:
-        raise ImportError(f"HQP_ISA={asked!r}: unknown kernels; allowed: {', '.join(ISAS)}, or unset for the best")
-    if asked == "avx2" and instruction_set() not in ("avx2", ""):
+    requested = os.environ.get("HQP_ISA", "")
+    if requested and requested not in ISAS:
+        raise ImportError(f"HQP_ISA={requested!r}: unknown kernels; allowed: {', '.join(ISAS)}, or unset for the best")
+    if requested == "avx2" and instruction_set() not in ("avx2", ""):
         raise ImportError("HQP_ISA=avx2: this machine or build of hqp has no AVX2 kernels; unset it, or take generic")
 
 

@@ -32,9 +32,8 @@ def tracked(items: Iterable[Item], title: str, size: Callable[[Item], float] = l
             now = time.monotonic()
             if now >= due and done < whole:
                 due = now + PERIOD
-                text = (
-                    f"{title}: {100.0 * done / whole:.0f} %, about {_told((now - began) * (whole / done - 1.0))} left"
-                )
+                left = _duration((now - began) * (whole / done - 1.0))
+                text = f"{title}: {100.0 * done / whole:.0f} %, about {left} left"
                 print("\r" + text.ljust(written), end="", file=sys.stderr, flush=True)
                 written = len(text)
     finally:
@@ -42,5 +41,5 @@ def tracked(items: Iterable[Item], title: str, size: Callable[[Item], float] = l
             print("\r" + " " * written + "\r", end="", file=sys.stderr, flush=True)
 
 
-def _told(seconds: float) -> str:
+def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"

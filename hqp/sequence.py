@@ -117,11 +117,11 @@ class near(Event):
 
 @dataclass(frozen=True)
 class signal(Event):
-    """Signal of the program: ``run.tell(name)`` since the phase began."""
+    """Signal of the program: ``run.signal(name)`` since the phase began."""
 
     def happens(self, run: Run[Any]) -> bool:
         """Return true if it was signalled."""
-        return self.name in run.told
+        return self.name in run.signals
 
 
 EVENTS: dict[str, type[Event]] = {kind.__name__: kind for kind in (loaded, unloaded, near, signal)}
@@ -250,7 +250,7 @@ class Run(Generic[T]):
     """A sequence on a session; ``step`` takes the place of ``session.step``.
 
     phase: the one of the latest tick.  since [s]: its age in that tick.  loads: measured loads of contacts in it, by
-    name [N].  told: signals since the phase began.
+    name [N].  signals: names given to ``signal`` since the phase began.
     """
 
     def __init__(
@@ -264,7 +264,7 @@ class Run(Generic[T]):
         self.phase = sequence.phases[0]
         self.ticks = -1
         self.loads: dict[str, float] = {}
-        self.told: set[str] = set()
+        self.signals: set[str] = set()
         self.references: tuple[Reference, ...] = ()
         self.state: State
         self._next: Phase | None = None
@@ -275,9 +275,9 @@ class Run(Generic[T]):
         """For how long the phase has lasted [s]."""
         return max(self.ticks, 0) * self.session.dt
 
-    def tell(self, name: str) -> None:
-        """A signal for events of that name, good until the phase ends."""
-        self.told.add(name)
+    def signal(self, name: str) -> None:
+        """Set the signal ``name``; events of that name see it until the phase ends."""
+        self.signals.add(name)
 
     def go(self, name: str) -> None:
         """Begin that phase with the next tick; raises DeclarationError for one that is not there."""
@@ -317,7 +317,7 @@ class Run(Generic[T]):
 
     def _begin(self, phase: Phase) -> str:
         self.phase, self.ticks, self._next, self._is_late = phase, 0, None, False
-        self.told.clear()
+        self.signals.clear()
         self.session.obey(self._laws[phase.name])
         if action := self.entry.get(phase.name):
             action(self.state)

@@ -61,15 +61,15 @@ def _fitted(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, .
     if found is not None:
         return found
     where = "they are not cached: the user has no cache folder" if path is None else f"they are cached in {path}"
-    told = f"{robot.name}: fitting capsules to the shapes of {len(surfaces)} links; {where}"
-    warnings.warn(told, ModelWarning, stacklevel=4)
+    message = f"{robot.name}: fitting capsules to the shapes of {len(surfaces)} links; {where}"
+    warnings.warn(message, ModelWarning, stacklevel=4)
     found = capsules.fit_surfaces(robot, surfaces)
     if path is not None:
         try:
             _write(path, found)
         except OSError as error:
-            told = f"{robot.name}: its capsules cannot be cached and are fitted at every start: {error}"
-            warnings.warn(told, ModelWarning, stacklevel=4)
+            message = f"{robot.name}: its capsules cannot be cached and are fitted at every start: {error}"
+            warnings.warn(message, ModelWarning, stacklevel=4)
     return found
 
 
@@ -90,9 +90,9 @@ def _path(robot: Any, surfaces: Mapping[int, Surface]) -> Path | None:
 def _read(path: Path, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...] | None:
     """Content of a file; None where it is not there, or not as it was written."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        rows = told["capsules"]
-        if told["sha256"] != _checksum(path, rows):
+        data = json.loads(path.read_text(encoding="utf-8"))
+        rows = data["capsules"]
+        if data["sha256"] != _checksum(path, rows):
             return None
         found = tuple(LinkCapsule(name, body, tuple(a), tuple(b), radius) for name, body, a, b, radius in rows)
         numbers = [x for c in found for x in (*c.a, *c.b, c.radius)]

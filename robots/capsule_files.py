@@ -82,8 +82,10 @@ def _compare(robot: Any, path: Path, fitted: Mapping[int, Vec]) -> None:
     differ = [j for j in joints if j not in own or j not in fitted or np.abs(own[j] - fitted[j]).max() > SAME]
     if differ:
         links = ", ".join(link_name(robot, j) for j in sorted(differ))
-        told = f"{path}: capsules were fitted to other shapes than {robot.name} has at {links}; fit anew: hqp capsules"
-        warnings.warn(told, ModelWarning, stacklevel=4)
+        message = (
+            f"{path}: capsules were fitted to other shapes than {robot.name} has at {links}; fit anew: hqp capsules"
+        )
+        warnings.warn(message, ModelWarning, stacklevel=4)
 
 
 def measures(part: Surface) -> Vec:

@@ -53,8 +53,8 @@ def surfaces(robot: Any) -> dict[int, Surface]:
 def fit_surfaces(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...]:
     """Capsules around each of the surfaces, by joint."""
     found: list[LinkCapsule] = []
-    told = f"fitting capsules to {len(surfaces)} links of {robot.name}"
-    for joint, part in tracked(surfaces.items(), told, lambda item: len(item[1].radii)):
+    title = f"fitting capsules to {len(surfaces)} links of {robot.name}"
+    for joint, part in tracked(surfaces.items(), title, lambda item: len(item[1].radii)):
         name = link_name(robot, joint)
         fits = fit(part)
         for k, (a, b, radius) in enumerate(fits):

@@ -149,8 +149,8 @@ def describe(simulated: Any, path: Path | None, root: str | Sequence[str] | None
         found.scene = frozenset(np.flatnonzero(simulated.body_treeid >= 0).tolist()) - own
         found.obstacles = mjcf_obstacles.read(simulated, tree.bodies, own)
         why = "no actuator moves them" if root is None else f"root={root!r}"
-        told = f"not part of the robot ({why}), frames that stay in place and robot.obstacles: {', '.join(others)}"
-        found.notes.append(told)
+        note = f"not part of the robot ({why}), frames that stay in place and robot.obstacles: {', '.join(others)}"
+        found.notes.append(note)
     return found
 
 

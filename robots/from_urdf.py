@@ -70,8 +70,8 @@ def read(path: Path, floating: bool | None) -> Description:
         raise ModelError(f"{path}: {negative[0]} makes the joint-space inertia negative")
     idle = [repr(name) for name, at in zip(model.names[1:], model.idx_vs[1:], strict=True) if not M[at, at] > 0.0]
     if idle:
-        told = ", ".join(idle[:3]) + (f" and {len(idle) - 3} more" if len(idle) > 3 else "")
-        warnings.append(f"no mass moves with {told}: torque level needs one")
+        joints = ", ".join(idle[:3]) + (f" and {len(idle) - 3} more" if len(idle) > 3 else "")
+        warnings.append(f"no mass moves with {joints}: torque level needs one")
     found = Description(model=model, source=path, warnings=warnings)
     _read_planes(path, root, found)
     _read_mimics(path, root, found)

@@ -35,8 +35,8 @@ def read(found: Description, model: Any, kind: Kind) -> Any:
         shapes.loader = loader
         return shapes
     except (ValueError, RuntimeError) as error:
-        told = " ".join(str(error).rpartition("message:")[2].split())  # coal tells its source file before
-        raise ModelError(f"{path}: a {kind} shape could not be read: {told}") from error
+        reason = " ".join(str(error).rpartition("message:")[2].split())  # coal tells its source file before
+        raise ModelError(f"{path}: a {kind} shape could not be read: {reason}") from error
 
 
 def _loader(path: Path) -> Any:

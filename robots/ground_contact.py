@@ -38,7 +38,7 @@ class Contacts:
 
 
 def watch(
-    model: Any, frames: Frames, asked: Sequence[str] | None, default: Sequence[str]
+    model: Any, frames: Frames, frames_given: Sequence[str] | None, default: Sequence[str]
 ) -> tuple[ContactReader, tuple[str, ...]]:
     """A reader of the contacts of frames, and their names.
 
@@ -51,12 +51,12 @@ def watch(
     for body in range(model.nbody - 1, 0, -1):  # children come after parents
         shaped[model.body_parentid[body]] |= shaped[body]
     bodies: dict[int, str] = {}
-    for name in default if asked is None else asked:
+    for name in default if frames_given is None else frames_given:
         body = frames.body(name)
         while not shaped[body] and body and not model.body_jntnum[body]:
             body = int(model.body_parentid[body])
         if not shaped[body] or not body:
-            if asked is None:
+            if frames_given is None:
                 continue
             allowed = "a frame of a body with shapes that touch"
             raise DeclarationError("plant", "a watched frame has no shape that can touch", value=name, allowed=allowed)

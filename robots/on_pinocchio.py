@@ -111,8 +111,8 @@ class Robot:
         self.set_home(home)
         self.configurations = {key: self._coupled(q) for key, q in self.configurations.items()}
         outside = {key: self._inside(q, _DECIMALS)[1] for key, q in self.configurations.items()}
-        if told := "; ".join(f"{key}: {', '.join(names)}" for key, names in outside.items() if names):
-            self.notes += (f"configurations outside the limits of joints: {told}",)
+        if clashes := "; ".join(f"{key}: {', '.join(names)}" for key, names in outside.items() if names):
+            self.notes += (f"configurations outside the limits of joints: {clashes}",)
         self._units = unit_parts(model)
         self._begin()
 

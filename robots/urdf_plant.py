@@ -46,8 +46,8 @@ def read(robot: Any) -> Any:
         if not changed:
             raise
     some = ", ".join(changed[:4]) + (f" and {len(changed) - 4} more" if len(changed) > 4 else "")
-    told = f"{robot.name}: the plant corrects inertias of the file that no rigid body has: {some}"
-    warnings.warn(told, ModelWarning, stacklevel=4)
+    message = f"{robot.name}: the plant corrects inertias of the file that no rigid body has: {some}"
+    warnings.warn(message, ModelWarning, stacklevel=4)
     return _spec(root, robot)
 
 

@@ -31,8 +31,8 @@ def _check(path: Path, what: str, shape: ET.Element) -> str:
     geometry = shape.find("geometry")
     found = [] if geometry is None else list(geometry)
     if len(found) != 1:
-        told = ", ".join(f"<{element.tag}>" for element in found) or "no shape"
-        raise ModelError(f"{at}: {what}: its <{shape.tag}> has {told}; allowed: one of {_KINDS} in <geometry>")
+        tags = ", ".join(f"<{element.tag}>" for element in found) or "no shape"
+        raise ModelError(f"{at}: {what}: its <{shape.tag}> has {tags}; allowed: one of {_KINDS} in <geometry>")
     (element,) = found
     xml_lines.numbers(path, what, shape.find("origin"), "0 0 0", "xyz", "rpy")
     if element.tag not in _SIZES:

@@ -106,8 +106,8 @@ class CollisionAvoidance(Inequality):
 
     def remark(self, robot: Robot) -> str:
         """The pairs whose capsules overlap at home, with their depth."""
-        told = ", ".join(scene(self, robot).overlapping)
-        return told and f"{self.name}: capsules of {robot.name} overlap at home, not kept apart: {told}"
+        pairs = ", ".join(scene(self, robot).overlapping)
+        return pairs and f"{self.name}: capsules of {robot.name} overlap at home, not kept apart: {pairs}"
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The pairs that have the rows now, such as "left_elbow - torso"; "free" for a slot without one."""

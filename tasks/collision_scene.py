@@ -89,7 +89,7 @@ class Scene:
         if not found:
             allowed = "names of links or shapes that may collide; all pairs of these overlap at home"
             raise element.invalid("pairs", element.pairs, allowed)
-        self.overlapping = [told for _, told in sorted(overlapping)]
+        self.overlapping = [text for _, text in sorted(overlapping)]
         """Pairs whose capsules overlap at home and by how far, the deepest first: nothing keeps them apart."""
         self.pairs, self.clearance = found, np.array(clearances)
         most = len(found) + 4 * sum(self._sided(*pair) for pair in found)

@@ -139,7 +139,7 @@ def measure(
         name, solver = f"{name} (limits ignored)", solvers.load(name, ignore_inequalities=True)
     found = run_loop(
         stack, robot, solver, name, formulation, Trajectory(goals, stack, robot, ticks * dt),
-        dt=dt, ticks=ticks, plant="integrator", certify_every=JUDGED, told=lambda done: None,
+        dt=dt, ticks=ticks, plant="integrator", certify_every=JUDGED, progress=lambda done: None,
         bare=bare, patience=PATIENCE,
     )  # fmt: skip
     off = found.behaviour.errors[:, found.behaviour.tracked.index(hand.name)]

@@ -84,8 +84,8 @@ def findings(contributor: bool = False) -> list[Finding]:
 
 def _extra(extra: str, packages: tuple[str, ...]) -> Finding:
     versions = {name: version_of(name) for name in packages}
-    told = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
-    return Finding(f"hqp[{extra}]", told, "" if all(versions.values()) else f"pip install 'hqp[{extra}]'")
+    text = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
+    return Finding(f"hqp[{extra}]", text, "" if all(versions.values()) else f"pip install 'hqp[{extra}]'")
 
 
 def _capsules() -> str:
@@ -109,9 +109,9 @@ def version_of(package: str) -> str:
 
 def blas_threads() -> int | None:
     """The most threads that a BLAS of NumPy or SciPy would use, None if unknown."""
-    asked = [count for library in _blas_libraries() if (count := _asked(library)) is not None]
-    if asked:
-        return max(asked)
+    counts = [count for library in _blas_libraries() if (count := _thread_count(library)) is not None]
+    if counts:
+        return max(counts)
     for name in THREADS:
         if os.environ.get(name, "").isdigit():
             return int(os.environ[name])
@@ -130,7 +130,7 @@ def _blas_libraries() -> list[Path]:
     return found
 
 
-def _asked(library: Path) -> int | None:
+def _thread_count(library: Path) -> int | None:
     try:
         loaded = ctypes.CDLL(str(library))
     except OSError:

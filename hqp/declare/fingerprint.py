@@ -17,5 +17,5 @@ def fingerprint(robot: Robot) -> str:
     limits = (robot.lower, robot.upper, robot.velocity_limit, robot.effort_limit)
     numbers = [[f"{x:.{DIGITS}g}" for x in limit.tolist()] for limit in limits]
     masses = [f"{mass:.{DIGITS}g}" for *_, mass in (body[:4] for body in robot.bodies)]
-    told = json.dumps([names, robot.joint_names, numbers, masses], separators=(",", ":"))
-    return hashlib.sha256(told.encode()).hexdigest()
+    text = json.dumps([names, robot.joint_names, numbers, masses], separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -12,7 +12,7 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
 from hqp.explanation.multipliers import NOTHING, cause_of
-from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, is_zero, told
+from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, is_zero, losses_text
 from hqp.programs.formulation import Program
 from hqp.tolerances import NEAR
 
@@ -50,7 +50,7 @@ class Layout:
 class TickAccount:
     """Request, residual and limits of every element; plain numbers, ``str()`` is a table.
 
-    elements ``(E,)``: names.  residual ``(E,)``: ||w|| in the element's own units; asked ``(E,)``: ||w|| without
+    elements ``(E,)``: names.  residual ``(E,)``: ||w|| in the element's own units; requested ``(E,)``: ||w|| without
     motion.  shares ``(levels, E + 1)``: fraction of a level's gradient balanced by each element, its own price last; a
     row of zeros if the level is met or nothing above it holds it back.  worth ``(levels,)``: decrease of ||w|| per
     unit of additional motion, c_k ||y_k||.
@@ -67,7 +67,7 @@ class TickAccount:
         return self._values[: 4 * len(self.elements) : 4] * self.layout.inverse
 
     @property
-    def asked(self) -> Vec:
+    def requested(self) -> Vec:
         """||w|| of each element without motion ``(E,)``."""
         return self._values[1 : 4 * len(self.elements) : 4] * self.layout.inverse
 
@@ -90,7 +90,7 @@ class TickAccount:
     def met(self, element: str) -> bool:
         """Return true if an element's residual is zero; raises DeclarationError for an unknown name."""
         i = self.layout.place(element)
-        return is_zero(float(self.residual[i]), float(self.asked[i]))
+        return is_zero(float(self.residual[i]), float(self.requested[i]))
 
     def cause(self, element: str) -> str:
         """Cause of an element's residual, as ``explain.Account.cause``; "" if it is met."""
@@ -115,9 +115,9 @@ class TickAccount:
     def priced(self) -> Iterator[tuple[int, float]]:
         """Elements that their level's price holds back, by number, with its share."""
         if self.worth.any():
-            residual, asked, shares = self.residual.tolist(), self.asked.tolist(), self.shares[:, -1].tolist()
+            residual, requested, shares = self.residual.tolist(), self.requested.tolist(), self.shares[:, -1].tolist()
             for i, level in enumerate(self.layout.levels):
-                short = residual[i] > NOTED * asked[i] and not is_zero(residual[i], asked[i])
+                short = residual[i] > NOTED * requested[i] and not is_zero(residual[i], requested[i])
                 if short and shares[level] > 0.0:
                     yield i, shares[level]
 
@@ -127,8 +127,8 @@ class TickAccount:
         lines = []
         for i, name in enumerate(names):
             why = self.cause(name)
-            lost = told(self.losses(name), 3) if why else "met"
-            lines.append(f"{name:{width}}  {self.residual[i]:9.3g} of {self.asked[i]:9.3g}  {why or lost}")
+            lost = losses_text(self.losses(name), 3) if why else "met"
+            lines.append(f"{name:{width}}  {self.residual[i]:9.3g} of {self.requested[i]:9.3g}  {why or lost}")
             if why and lost:
                 lines[-1] += f": {lost}"
         return "\n".join(lines)
@@ -156,7 +156,7 @@ class Accountant:
         native: Workspace | None = getattr(workspace, "native", None)
         known = native is not None and native.accounts(program.problem, self._owner, len(names), NEAR)
         self._native = native if known else None
-        self._tell: Callable[[], Vec | None] = getattr(workspace, "tell", lambda: None)
+        self._multipliers: Callable[[], Vec | None] = getattr(workspace, "tell", lambda: None)
         self._size = 4 * len(names) + count * (len(names) + 2)
 
     def account(self, count: int, w: Vec, x: Vec, v: Vec | None = None) -> TickAccount | None:
@@ -172,11 +172,11 @@ class Accountant:
 
     def values(self, w: Vec, x: Vec) -> Vec | None:
         """The numbers of an account."""
-        told = self._tell()
-        if self._native is None or told is None:
+        multipliers = self._multipliers()
+        if self._native is None or multipliers is None:
             return None
         values = np.empty(self._size)
-        self._native.account(w, x, told, values)
+        self._native.account(w, x, multipliers, values)
         return values
 
     def of(self, count: int, values: Vec, fast: frozenset[str] = NONE) -> TickAccount:
@@ -204,8 +204,8 @@ class Accountant:
         return HeldBack(
             name,
             place.declared,
-            asked=float(account.asked[i]),
-            given=float(account.asked[i] - account.residual[i]),
+            requested=float(account.requested[i]),
+            achieved=float(account.requested[i] - account.residual[i]),
             unit=unit_of(place.element, self._program.kind),
             share=share,
             short=Short.of(own, place.element.row_names(self._robot)),
@@ -236,15 +236,15 @@ def too_fast(program: Program, name: str, w: Vec, v: Vec) -> bool:
     return float(-w @ moving) > MOST * float(w @ w) > 0.0
 
 
-def of_explanation(layout: Layout, count: int, told: Explanation) -> TickAccount:
+def of_explanation(layout: Layout, count: int, explanation: Explanation) -> TickAccount:
     """Make the account from an explanation, if the kernel has no multipliers."""
     E = len(layout.elements)
     numbers, shares = np.zeros((E, 4)), np.zeros((layout.count, E + 1))
     worth, names = np.zeros(layout.count), (*layout.elements, PRICE)
-    fast = frozenset(a.element for a in told.accounts if a.cause == "too fast")
+    fast = frozenset(a.element for a in explanation.accounts if a.cause == "too fast")
     for i, (name, level) in enumerate(zip(layout.elements, layout.levels, strict=True)):
-        account = told[name]
-        numbers[i] = account.residual, account.asked, float(account.cause != "out of reach"), 1.0
+        account = explanation[name]
+        numbers[i] = account.residual, account.requested, float(account.cause != "out of reach"), 1.0
         numbers[i, :2] /= layout.inverse[i]
         for loss in account.losses:
             shares[level, names.index(loss.element)] = loss.share

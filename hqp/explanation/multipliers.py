@@ -42,7 +42,7 @@ def explain(
     verdict = certificate(problem, solution.x, stages=solution.stage_points, settled=True)
     pushes = [_shares(problem, solution, verdict, places, row_names, kinds, k) for k in range(len(problem.levels))]
     if shares is not None:
-        pushes = [_told(row, places, push) for row, push in zip(shares.tolist(), pushes, strict=True)]
+        pushes = [_from_shares(row, places, push) for row, push in zip(shares.tolist(), pushes, strict=True)]
     still = Coordinates.of(problem.motion, problem.n).still
     accounts = []
     for name, place in places.items():
@@ -50,8 +50,8 @@ def explain(
         w = solution.residuals[place.level][place.part] / weight
         residual = float(np.sqrt(w @ w))
         off = problem.levels[place.level].slack(still)[place.part] / weight
-        asked = float(np.sqrt(off @ off))
-        met = is_zero(residual, asked)
+        requested = float(np.sqrt(off @ off))
+        met = is_zero(residual, requested)
         losses = pushes[place.level]
         cause, fights = ("", ()) if met else _cause(problem, solution, places, name, losses, name in fast)
         losses = losses if cause in ("lost", "limit", "price", "too fast") else ()
@@ -61,11 +61,11 @@ def explain(
         if price > 0.0:
             worth = _worth(problem, solution, place.level)
             short = Short.of(w, names)
-            held = HeldBack(name, place.declared, asked, asked - residual, unit, price, short, worth)
+            held = HeldBack(name, place.declared, requested, requested - residual, unit, price, short, worth)
         active = _active(solution, place, names, kinds.get(name, ()))
         count = place.part.stop - place.part.start
         accounts.append(
-            Account(name, place.declared, count, residual, met, losses, active, cause, fights, asked, held, unit)
+            Account(name, place.declared, count, residual, met, losses, active, cause, fights, requested, held, unit)
         )
     return Explanation(solution.status.name, tuple(accounts), verdict)
 
@@ -215,12 +215,12 @@ def _shares(
     return tuple(sorted(losses, key=lambda loss: -loss.share))
 
 
-def _told(shares: list[float], places: Mapping[str, Place], found: tuple[Loss, ...]) -> tuple[Loss, ...]:
+def _from_shares(shares: list[float], places: Mapping[str, Place], found: tuple[Loss, ...]) -> tuple[Loss, ...]:
     """Losses by the kernel's shares, with the rows that were found for each element."""
     rows = {loss.element: loss.rows for loss in found}
     limits = {name for name, place in places.items() if not place.element.equality}
-    told = zip((*places, PRICE), shares, strict=True)
-    losses = [Loss(e, s, rows.get(e, ()), e in limits) for e, s in told if s > SHARE]
+    parts = zip((*places, PRICE), shares, strict=True)
+    losses = [Loss(e, s, rows.get(e, ()), e in limits) for e, s in parts if s > SHARE]
     return tuple(sorted(losses, key=lambda loss: -loss.share))
 
 

@@ -24,9 +24,9 @@ class Note:
     detail: str
 
 
-def of_native(told: Sequence[tuple[str, int, str]]) -> tuple[Note, ...]:
+def of_native(records: Sequence[tuple[str, int, str]]) -> tuple[Note, ...]:
     """Notes of elements, the number of a status and a text."""
-    return tuple([Note(element, STATUSES[status], text) for element, status, text in told])
+    return tuple([Note(element, STATUSES[status], text) for element, status, text in records])
 
 
 def made(notes: Notes) -> tuple[Note, ...]:

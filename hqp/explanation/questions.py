@@ -106,8 +106,8 @@ class Teller:
             w = solution.residuals[place.level][place.part] / place.element.weight
             if too_fast(program, name, w, v):
                 fast.add(name)
-        told = self._account(count, tick)
-        shares = None if told is None else told.shares
+        account = self._account(count, tick)
+        shares = None if account is None else account.shares
         around = tick.before if program.kind == "velocity" else v
         kinds = {
             element.name: element.bound_kinds(tick.state, around, self._dt)

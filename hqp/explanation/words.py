@@ -25,10 +25,10 @@ OUT_OF_REACH = "out of reach or singular: no motion of the robot reduces the res
 """Text of explanations and notes for the cause ``out of reach``."""
 
 
-def is_zero(residual: float, asked: float) -> bool:
+def is_zero(residual: float, requested: float) -> bool:
     """Return true if a residual counts as zero relative to the request, for notes, accounts, explanations and the
     viewer."""
-    return residual <= ZERO_RESIDUAL * (1.0 + asked)
+    return residual <= ZERO_RESIDUAL * (1.0 + requested)
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Loss:
         return f"{self.element} {100.0 * self.share:.0f} %{rows}"
 
 
-def told(losses: Sequence[Loss], most: int) -> str:
+def losses_text(losses: Sequence[Loss], most: int) -> str:
     """The first few, limits that bind before levels above them."""
     return ", ".join(str(loss) for loss in sorted(losses, key=lambda loss: not loss.binds)[:most])
 
@@ -82,15 +82,15 @@ class Short:
 class HeldBack:
     """Effect of a level's price on one element (docs/calm.md).
 
-    asked: ||w|| without motion.  given: decrease of ||w|| from there [unit].  share: the price's fraction of the
+    requested: ||w|| without motion.  achieved: decrease of ||w|| from there [unit].  share: the price's fraction of the
     level's gradient, 0 to 1.  short: the direction in which the element is short, where motion moves its rows least.
     worth: decrease of the level's ||w|| per additional unit of motion (1 rad/s, 1 rad/s^2): c_k ||y_k||.
     """
 
     element: str
     level: str
-    asked: float
-    given: float
+    requested: float
+    achieved: float
     unit: str
     share: float
     short: Short
@@ -102,8 +102,9 @@ class HeldBack:
         if cause == "out of reach":
             why = f"the rest is {OUT_OF_REACH}"
         elif losses and losses[0].element != PRICE:
-            why = f"the rest is held by {told(losses, 3)}"
-        return f"requested {self.asked:.3g} {self.unit}, achieved {self.given:.3g}, short along ({self.short}): {why}"
+            why = f"the rest is held by {losses_text(losses, 3)}"
+        achieved = f"requested {self.requested:.3g} {self.unit}, achieved {self.achieved:.3g}"
+        return f"{achieved}, short along ({self.short}): {why}"
 
     def __str__(self) -> str:
         return self.note(())
@@ -117,8 +118,8 @@ class Account:
     more, its rows named: the levels above alone would permit the motion), ``own level`` (opposed by named elements),
     ``out of reach`` (no motion of the robot reduces the residual), ``price`` (the price on motion outweighs the rest),
     ``too fast`` (the rate of its reference exceeds half of its residual), ``off`` (inactive in this tick, and so met).
-    asked: ||w|| at the point of least motion, in the units of the residual.  held_back: effect of the price, or None.
-    unit: unit of residual and asked.
+    requested: ||w|| at the point of least motion.  unit: unit of residual and requested.  held_back: effect of the
+    price, or None.
     """
 
     element: str
@@ -130,7 +131,7 @@ class Account:
     active: tuple[str, ...]
     cause: str = ""
     fights: tuple[str, ...] = ()
-    asked: float = 0.0
+    requested: float = 0.0
     held_back: HeldBack | None = None
     unit: str = ""
 
@@ -175,11 +176,13 @@ def _outcome(account: Account) -> str:
         return OUT_OF_REACH
     if account.cause == "own level":
         return "conflicts with " + (", ".join(account.fights) or "itself") + " in its own level"
-    losses = told(account.losses, 4)
+    losses = losses_text(account.losses, 4)
     if account.cause == "price":
         return f"held back by its price: {account.held_back}" + (f" ({losses})" if len(account.losses) > 1 else "")
     if account.held_back is not None and account.held_back.share > SHARE:
-        losses += f"; requested {account.asked:.3g}, achieved {account.asked - account.residual:.3g} {account.unit}"
+        losses += (
+            f"; requested {account.requested:.3g}, achieved {account.requested - account.residual:.3g} {account.unit}"
+        )
     if account.cause == "too fast":
         return f"too fast: {losses} allow less than the rate of its reference"
     if account.cause == "limit":

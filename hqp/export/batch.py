@@ -119,12 +119,12 @@ class Batch:
         Data never raises: a world's fault is its own status.  Raises DeclarationError for a shape or an unknown name.
         """
         like = dlpack.first_foreign(Q, V)
-        told: list[tuple[str, int, Mat]] = []
+        entries: list[tuple[str, int, Mat]] = []
         for name, target in (targets or {}).items():
             parts: Sequence[ArrayLike] = target if isinstance(target, tuple) else (target,)
             for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
                 values = np.ascontiguousarray(dlpack.numbers(part), dtype=np.float64)
-                told.append((name, what, values.reshape(values.shape[0] if values.ndim else 1, -1)))
+                entries.append((name, what, values.reshape(values.shape[0] if values.ndim else 1, -1)))
         at = np.ascontiguousarray(dlpack.numbers(Q), dtype=np.float64)
         speed = (
             np.zeros((self.count, self.nv)) if V is None else np.ascontiguousarray(dlpack.numbers(V), dtype=np.float64)
@@ -132,7 +132,7 @@ class Batch:
         commands, x, residuals = (np.empty((self.count, size)) for size in self._native.sizes)
         status = np.empty(self.count, dtype=np.int32)
         try:
-            self._native.step(at, speed, told, commands, status, residuals, x)
+            self._native.step(at, speed, entries, commands, status, residuals, x)
         except TypeError:
             raise self._refused(at, speed) from None
         except ValueError as error:

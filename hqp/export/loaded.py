@@ -106,7 +106,7 @@ class LoadedSession:
         for name, target in (targets or {}).items():
             parts: Sequence[ArrayLike] = target if isinstance(target, tuple) else (target,)
             for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
-                self._tell(name, what, part)
+                self._set(name, what, part)
         command, x, residuals = (np.empty(size) for size in self._sizes)
         at, speed = (np.ascontiguousarray(a, dtype=np.float64) for a in (q, np.zeros(self.nv) if v is None else v))
         if now is None:
@@ -168,7 +168,7 @@ class LoadedSession:
 
     def hold(self, name: str, value: ArrayLike) -> None:
         """Set the hold value of an element, used from now on without a target."""
-        self._tell(name, HOLD, value)
+        self._set(name, HOLD, value)
 
     def held(self, name: str) -> Vec:
         """Hold value of an element, flat; zeros before the first step."""
@@ -177,18 +177,18 @@ class LoadedSession:
 
     def load(self, name: str, newtons: float) -> None:
         """Set the measured load of a contact [N]."""
-        self._tell(name, LOAD, [newtons])
+        self._set(name, LOAD, [newtons])
 
     def normal(self, name: str, normal: ArrayLike) -> None:
         """Set the ground's normal ``(3,)`` under a wheel for the next step."""
-        self._tell(name, NORMAL, normal)
+        self._set(name, NORMAL, normal)
 
     def _known(self, name: str) -> None:
         if name not in self._index:
             near = ", ".join(closest(name, self.names) or self.names[:3])
             raise UnknownReference(f"the plan has no element {name!r}; closest: {near}")
 
-    def _tell(self, name: str, what: int, value: ArrayLike) -> None:
+    def _set(self, name: str, what: int, value: ArrayLike) -> None:
         self._known(name)
         numbers = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
         try:

@@ -55,7 +55,7 @@ def bench(
             lines.append(refused(name, True, str(error)))
             continue
 
-        def told(done: int, name: str = name) -> None:
+        def report(done: int, name: str = name) -> None:
             if progress is not None:
                 progress(name, done / ticks)
 
@@ -63,11 +63,11 @@ def bench(
             with one_thread():
                 one = run(
                     stack, robot, solver, name, formulation, motion,
-                    dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, told=told,
+                    dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, progress=report,
                 )  # fmt: skip
         except UnsupportedProblem as error:
             lines.append(refused(name, solver.strict, str(error)))
-            told(ticks)
+            report(ticks)
             continue
         runs.append(one)
         lines.append(summarise(one))

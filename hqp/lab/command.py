@@ -89,14 +89,16 @@ def _rivals(arguments: argparse.Namespace, stack: Stack, robot: Robot) -> int:
     from .rivals import RivalTable, compare_rivals
     from .teleop import TeleopTable, compare_teleop
 
-    def told(text: str) -> None:
+    def progress(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
     result: RivalTable | TeleopTable
     if arguments.scenes:
-        result = compare_teleop(stack, robot, arguments.rivals or (), dt=arguments.dt, told=told)
+        result = compare_teleop(stack, robot, arguments.rivals or (), dt=arguments.dt, progress=progress)
     else:
-        result = compare_rivals(stack, robot, arguments.rivals, seconds=arguments.seconds, dt=arguments.dt, told=told)
+        result = compare_rivals(
+            stack, robot, arguments.rivals, seconds=arguments.seconds, dt=arguments.dt, progress=progress
+        )
     print(result)
     if arguments.json:
         arguments.json.write_text(result.json())

@@ -68,12 +68,12 @@ def run(
     ticks: int,
     plant: str,
     certify_every: int,
-    told: Callable[[int], None],
+    progress: Callable[[int], None],
     price: Any = None,
     bare: Callable[[Vec], None] | None = None,
     patience: float = math.inf,
 ) -> Run:
-    """Run the loop; raises the errors of ``Controller.session``.  told: called with the number of ticks done.
+    """Run the loop; raises the errors of ``Controller.session``.  progress: called with the number of ticks done.
 
     price: argument of Controller.  bare: reference computation of the floor at a configuration, the state's kinematics
     by default.  No tick is cut short: one over the period is counted.  patience: after so long the loop ends with fewer
@@ -131,11 +131,11 @@ def run(
             if perf_counter_ns() - start > 1e9 * patience:
                 break
             if k % 100 == 0:
-                told(k)
+                progress(k)
     finally:
         if enabled:
             gc.enable()
-    told(ticks)
+    progress(ticks)
     kept = slice(0, done)
     return Run(
         name, solver.strict, dt, levels, 1e6 * times[kept], 1e-3 * total[kept], 1e-3 * floor[kept], tuple(statuses),

@@ -51,21 +51,21 @@ def read_motion(
 
 
 def _read_npz(path: Path, body_model: str | Path | None) -> Motion:
-    told = _arrays(path)
-    if has_parameters(told):
-        return from_parameters(told, body_model)
-    missing = [key for key in ("positions", "names", "fps") if key not in told]
+    data = _arrays(path)
+    if has_parameters(data):
+        return from_parameters(data, body_model)
+    missing = [key for key in ("positions", "names", "fps") if key not in data]
     if missing:
         allowed = "positions (T, J, 3), names (J,), fps; or trans, poses, betas of SMPL-X"
         raise DeclarationError("motion", f"{path.name} lacks {', '.join(missing)}", allowed=allowed)
     try:
-        names = tuple(str(name) for name in told["names"])
-        parents = tuple(int(p) for p in told["parents"]) if "parents" in told else ()
-        fps = float(told["fps"])
+        names = tuple(str(name) for name in data["names"])
+        parents = tuple(int(p) for p in data["parents"]) if "parents" in data else ()
+        fps = float(data["fps"])
     except (TypeError, ValueError) as error:
         allowed = "names (J,), parents (J,), fps one number"
         raise DeclarationError("motion", f"{path.name}: {error}", allowed=allowed) from error
-    return Motion(names, told["positions"], fps, parents)
+    return Motion(names, data["positions"], fps, parents)
 
 
 def _arrays(path: Path) -> dict[str, Any]:

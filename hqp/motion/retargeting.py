@@ -76,12 +76,12 @@ def retarget(
     frames = slice(None, None, each)
     measures = measure(robot, tracker.stacks, targets, passed.q)
     q = passed.q[frames]
-    told = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
+    thinned = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
     whole = tracker, passed.q, passed.v, measures.errors
     behind = tuple(one.thinned(each) for one in shortfalls(*whole))
     return Retargeted(
         robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
-        targets.person[frames], clip.parents, told, behind, gave_way(*whole, range(0, len(targets), each)),
+        targets.person[frames], clip.parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
         _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
     )  # fmt: skip
 

@@ -80,14 +80,14 @@ def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tupl
 
 def gave_way(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec], frames: Sequence[int]) -> Names:
     """Causes of ``PARTS`` in some frames ``(n, 4)``: an element or a cause, "" where on target."""
-    told = [[""] * len(PARTS) for _ in frames]
-    for row, frame in zip(told, frames, strict=True):
+    texts = [[""] * len(PARTS) for _ in frames]
+    for row, frame in zip(texts, frames, strict=True):
         late = [k for k, part in enumerate(PARTS) if errors[part][frame] > NOTED]
         if late:
             account = _account(tracker, q, v, max(frame, 1))
             for k in late:
                 row[k] = _to_whom(account, PARTS[k])
-    return np.array(told, dtype=np.str_)
+    return np.array(texts, dtype=np.str_)
 
 
 def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:

@@ -100,13 +100,13 @@ def parse(text: str, name: str = "map") -> SkeletonMap:
     except ImportError:
         import tomli as tomllib  # type: ignore[no-redef,import-not-found,unused-ignore]
     try:
-        told: dict[str, Any] = tomllib.loads(text)
+        tables: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise DeclarationError("map", f"no TOML: {error}", value=name) from error
-    strange = set(told) - {"frames", "offsets", "human"}
-    if strange or not all(isinstance(table, dict) for table in told.values()):
-        raise DeclarationError("map", "tables", value=sorted(told), allowed="[frames], [offsets], [human]")
-    return SkeletonMap(told.get("frames", {}), told.get("offsets", {}), told.get("human", {}))
+    strange = set(tables) - {"frames", "offsets", "human"}
+    if strange or not all(isinstance(table, dict) for table in tables.values()):
+        raise DeclarationError("map", "tables", value=sorted(tables), allowed="[frames], [offsets], [human]")
+    return SkeletonMap(tables.get("frames", {}), tables.get("offsets", {}), tables.get("human", {}))
 
 
 def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMap:

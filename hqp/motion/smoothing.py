@@ -52,9 +52,9 @@ class Course:
                 places[task.name][i] = task.value(state)
         angles: Any = np.unwrap(joints, axis=0)
         twists: Any = np.hstack((np.diff(base[:, :3, 3], axis=0), turns(base[:, :3, :3])))
-        self._told: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
-        self._told[stacks.base.name] = base, fps * twists
-        self._told[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
+        self._motion: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
+        self._motion[stacks.base.name] = base, fps * twists
+        self._motion[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
 
     def heights(self, side: str, i: int) -> tuple[float, float]:
         """Offsets of toe and heel, in frame i of the pass before [m]."""
@@ -63,7 +63,7 @@ class Course:
 
     def references(self, i: int) -> dict[str, Reference]:
         """By name, of frame i, with the rates that lead to the next."""
-        return {name: Reference(name, x[i], u[i]) for name, (x, u) in self._told.items()}
+        return {name: Reference(name, x[i], u[i]) for name, (x, u) in self._motion.items()}
 
 
 def _filtered(tracker: Tracker, q: Mat) -> Mat:

@@ -26,29 +26,29 @@ NAMES = (
 RATES = ("mocap_frame_rate", "mocap_framerate", "fps")
 
 
-def has_parameters(told: Mapping[str, Any]) -> bool:
+def has_parameters(data: Mapping[str, Any]) -> bool:
     """Return true if a file holds parameters of a body model."""
-    return "trans" in told and ("poses" in told or ("root_orient" in told and "pose_body" in told))
+    return "trans" in data and ("poses" in data or ("root_orient" in data and "pose_body" in data))
 
 
-def from_parameters(told: Mapping[str, Any], model: str | Path | None) -> Motion:
+def from_parameters(data: Mapping[str, Any], model: str | Path | None) -> Motion:
     """Joint positions from parameters as AMASS and its users store them, z up.
 
-    told: trans ``(T, 3)`` [m], poses ``(T, 3 k)``, k >= 22 (or root_orient ``(T, 3)`` and pose_body ``(T, 63)``),
+    data: trans ``(T, 3)`` [m], poses ``(T, 3 k)``, k >= 22 (or root_orient ``(T, 3)`` and pose_body ``(T, 63)``),
     rotation vectors [rad], betas, and the frame rate.  model: the body model's file,.npz.  Raises DeclarationError for
     a missing model or a misfit.
     """
     if model is None:
         allowed = "body_model=PATH, --body-model PATH: SMPLX_NEUTRAL.npz, from https://smpl-x.is.tue.mpg.de"
         raise DeclarationError("motion", "parameters of SMPL-X need the body model", allowed=allowed)
-    rests, parents = _skeleton(Path(model), np.ravel(told["betas"]) if "betas" in told else np.zeros(0))
-    pose = told["poses"] if "poses" in told else np.hstack((told["root_orient"], told["pose_body"]))
-    pose, trans = np.asarray(pose, dtype=np.float64), np.asarray(told["trans"], dtype=np.float64)
+    rests, parents = _skeleton(Path(model), np.ravel(data["betas"]) if "betas" in data else np.zeros(0))
+    pose = data["poses"] if "poses" in data else np.hstack((data["root_orient"], data["pose_body"]))
+    pose, trans = np.asarray(pose, dtype=np.float64), np.asarray(data["trans"], dtype=np.float64)
     count = len(NAMES)
     if pose.ndim != 2 or pose.shape[1] < 3 * count or trans.shape != (len(pose), 3):
         what = f"poses {pose.shape}, trans {trans.shape}"
         raise DeclarationError("motion", what, allowed=f"(T, {3 * count} or more) and (T, 3)")
-    rate = next((float(told[key]) for key in RATES if key in told), None)
+    rate = next((float(data[key]) for key in RATES if key in data), None)
     if rate is None:
         raise DeclarationError("motion", "no frame rate", allowed=" or ".join(RATES))
     return Motion(NAMES, _placed(rests, parents, pose[:, : 3 * count], trans), rate, parents)

@@ -180,9 +180,9 @@ class Tracker:
             self._hold(state, i, feet, holds, course)
             standing = tuple((side, holds[side].end) for side in feet)
             session = sessions.of(standing)
-            told = {r.name: r for r in self.references(i, j, standing, holds)}
-            told |= course.references(i) if course else {}
-            references = [r for r in told.values() if r.name in session]
+            found = {r.name: r for r in self.references(i, j, standing, holds)}
+            found |= course.references(i) if course else {}
+            references = [r for r in found.values() if r.name in session]
             spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end in (standing if course else ())]
             state, bent, status = self._moved(session, state, references, spots, bent)
             qs.append(state.q)
@@ -235,8 +235,8 @@ class Tracker:
         bends = {name: bent.get(name, ZERO) for name in names}
         left = CORRECTIONS
         while True:
-            asked = (Reference(r.name, r.value, bends[r.name]) for r in feet.values())
-            tick = session.step(state, *others, *asked)
+            shifted = (Reference(r.name, r.value, bends[r.name]) for r in feet.values())
+            tick = session.step(state, *others, *shifted)
             state = self.robot.state(*tick.advance())
             there = ((task, feet[task.name]) for task in spots)
             off = {task.name: task.error(state, r.value) / self.dt for task, r in there}

@@ -232,8 +232,8 @@ class Hierarchy:
             equal = int(np.sum(rows.equality))
             out = int(np.sum((rows.lower == -np.inf) & (rows.upper == np.inf)))
             counts = {"equalit": equal, "inequalit": rows.m - equal - out}
-            told = [f"{count} {kind}{'y' if count == 1 else 'ies'}" for kind, count in counts.items() if count]
-            text = ", ".join([*told, *([f"{out} left out"] if out else [])]) or "no rows"
+            counted = [f"{count} {kind}{'y' if count == 1 else 'ies'}" for kind, count in counts.items() if count]
+            text = ", ".join([*counted, *([f"{out} left out"] if out else [])]) or "no rows"
             text += " on single variables" if isinstance(rows.A, Selection) else ""
             text += "" if self.prices is None or not self.prices[k] else f", price {self.prices[k]:.3g}"
             lines.append(f"level {k}{', to hold' if k < self.constraints else ''}: {text}")

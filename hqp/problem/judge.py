@@ -73,24 +73,24 @@ class Judge:
         gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
         return max(gap, found.taken), shares
 
-    def fall(self, A: Mat, slack: Vec, sizes: Vec, asked: Mask, x: Vec) -> float:
+    def fall(self, A: Mat, slack: Vec, sizes: Vec, counted: Mask, x: Vec) -> float:
         """Return the possible decrease of ||w|| along clear directions on the face of the active rows, relative to its
         terms.
 
         It counts beyond rounding and the tolerance of a row of the level's length; a gradient means little if the rows
-        are short in the null space of those above.  asked: rows that are equalities or violated.  sizes: their terms.
+        are short in the null space of those above.  counted: rows that are equalities or violated.  sizes: their terms.
         """
-        rows = A[asked] @ self.Z
+        rows = A[counted] @ self.Z
         if not rows.size:
             return 0.0
         longest = longest_row(A)
         sigma, Vt = right_vectors(self.unit[(self.side != 0.0) & ~self.fixed] @ self.Z)
         U, sigma, _ = np.linalg.svd(rows @ Vt[int(np.count_nonzero(sigma > self.rank)) :].T, full_matrices=False)
         clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
-        reach = float(np.linalg.norm(U[:, clear].T @ slack[asked]))
+        reach = float(np.linalg.norm(U[:, clear].T @ slack[counted]))
         rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
         reach -= (rounding + self.tolerance) * longest * max(RESTING, float(np.abs(x).max(initial=0.0)))
-        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=asked))
+        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=counted))
 
     def judge(
         self, gradient: Vec, scale: float, own: Index | None = None, normals: Mat | None = None

@@ -46,15 +46,15 @@ def unpacked(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
             size = sum(info.file_size for info in file.infolist())
             if size > LARGEST:
                 raise ValueError(f"it unpacks to {size} bytes, allowed {LARGEST}")
-            told = json.loads(file.read("recording.json"))
+            header = json.loads(file.read("recording.json"))
             names = [info.filename for info in file.infolist() if info.filename != "recording.json"]
             arrays = {name.removesuffix(".npy"): _array(file, name) for name in names}
     except Exception as error:  # zipfile, zlib, NumPy and json raise various errors for a damaged file
         raise DeclarationError("recording", f"not a recording: {error}", value=str(path)) from error
-    if not isinstance(told, dict) or told.get("format") != FORMAT or told.get("kind") != "recording":
-        given = told.get("format") if isinstance(told, dict) else told
+    if not isinstance(header, dict) or header.get("format") != FORMAT or header.get("kind") != "recording":
+        given = header.get("format") if isinstance(header, dict) else header
         raise DeclarationError("recording", "unknown format", value=given, allowed=str(FORMAT))
-    return told, arrays
+    return header, arrays
 
 
 def _array(file: zipfile.ZipFile, name: str) -> Any:
@@ -89,26 +89,26 @@ def texts(table: Any, name: str, where: str) -> list[str]:
     return found
 
 
-def about(told: dict[str, Any]) -> None:
+def about(header: dict[str, Any]) -> None:
     """Check the header of a recording; raises DeclarationError."""
     for name in ("stack", "toml", "made", "hqp"):
-        take(told, name, str, "file")
-    dt = take(told, "dt", float, "file")
+        take(header, name, str, "file")
+    dt = take(header, "dt", float, "file")
     if not 0.0 < dt < math.inf:
         refuse("file.dt", "is not a control period [s]", dt, "dt > 0")
-    robot = take(told, "robot", dict, "file")
+    robot = take(header, "robot", dict, "file")
     for name in ("name", "hash"):
         take(robot, name, str, "robot")
     for name in ("joints", "tangent"):
         texts(robot, name, "robot")
-    if not take(told, "segments", list, "file"):
+    if not take(header, "segments", list, "file"):
         refuse("file.segments", "there is no tick in it")
-    if told.get("counters") is not None:
-        _counters(told)
+    if header.get("counters") is not None:
+        _counters(header)
 
 
-def _counters(told: dict[str, Any]) -> None:
-    counters = take(told, "counters", dict, "file")
+def _counters(header: dict[str, Any]) -> None:
+    counters = take(header, "counters", dict, "file")
     if set(counters) != set(Counters._fields):
         refuse("file.counters", "other counters", sorted(counters), ", ".join(Counters._fields))
     for name in Counters._fields:
@@ -147,8 +147,8 @@ def segment(part: Any, arrays: dict[str, Any], robot: dict[str, Any], where: str
         _tick(tick, f"{where}.ticks[{i}]")
         stages = arrays.get(f"{number}_stages_{i}")
         if stages is not None and (stages.shape != (len(made.levels), n) or np.any(np.abs(stages) >= MOST)):
-            told = "has another shape or numbers that are too large"
-            refuse(f"array {number}_stages_{i}", told, stages.shape, str((len(made.levels), n)))
+            fault = "has another shape or numbers that are too large"
+            refuse(f"array {number}_stages_{i}", fault, stages.shape, str((len(made.levels), n)))
     usable = np.array([bool(tick["solved"]) and Status[tick["solved"]].usable for tick in ticks])
     if not np.all(np.abs(arrays[f"{number}_solved"][usable]) < MOST):
         refuse(f"array {number}_solved", "a sent command is not finite")

@@ -62,7 +62,7 @@ def about(session: Recorded) -> dict[str, Any]:
     )
 
 
-def write(path: Path, told: dict[str, Any], segments: Sequence[Segment], ticks: int, robot: Robot) -> Path:
+def write(path: Path, about: dict[str, Any], segments: Sequence[Segment], ticks: int, robot: Robot) -> Path:
     """Write the latest ticks of some segments; slowly, so that the loop beside it is not held up.
 
     Returns the file, ``path`` or, where that is taken, another beside it.  Raises OSError where it cannot be written.
@@ -76,7 +76,7 @@ def write(path: Path, told: dict[str, Any], segments: Sequence[Segment], ticks: 
         if k:
             parts.append(_segment(segment, k, robot, len(parts), arrays))
     parts.reverse()
-    text = json.dumps({**told, "format": FORMAT, "segments": parts})
+    text = json.dumps({**about, "format": FORMAT, "segments": parts})
     stem, number = path.stem, 0
     while path.exists() or path.with_suffix(".part").exists():
         number += 1
@@ -214,20 +214,20 @@ class Recording:
     Raises DeclarationError where something is missing, of another kind or size, or no number.
     """
 
-    def __init__(self, told: dict[str, Any], arrays: dict[str, Any]) -> None:
-        checked.about(told)
-        self.about = {key: value for key, value in told.items() if key != "segments"}
+    def __init__(self, about: dict[str, Any], arrays: dict[str, Any]) -> None:
+        checked.about(about)
+        self.about = {key: value for key, value in about.items() if key != "segments"}
         self.ticks: tuple[RecordedTick, ...] = tuple(
             tick
-            for i, segment in enumerate(told["segments"])
-            for tick in _ticks(segment, arrays, told["robot"], f"segments[{i}]")
+            for i, segment in enumerate(about["segments"])
+            for tick in _ticks(segment, arrays, about["robot"], f"segments[{i}]")
         )
 
     @property
     def counters(self) -> Counters | None:
         """Counters of the session when the file was begun, None in files of earlier versions."""
-        told = self.about.get("counters")
-        return None if told is None else Counters(**told)
+        counters = self.about.get("counters")
+        return None if counters is None else Counters(**counters)
 
     def __len__(self) -> int:
         return len(self.ticks)

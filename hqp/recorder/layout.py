@@ -169,10 +169,10 @@ def pattern_of(problem: Hierarchy) -> dict[str, Any]:
     }
 
 
-def from_pattern(told: dict[str, Any]) -> Hierarchy:
+def from_pattern(pattern: dict[str, Any]) -> Hierarchy:
     """The hierarchy of a pattern, its arrays zero."""
-    n, levels = int(told["n"]), []
-    for level in told["levels"]:
+    n, levels = int(pattern["n"]), []
+    for level in pattern["levels"]:
         A: Any = (
             np.zeros(level["shape"])
             if "shape" in level
@@ -180,20 +180,22 @@ def from_pattern(told: dict[str, Any]) -> Hierarchy:
         )
         m = A.index.size if isinstance(A, Selection) else A.shape[0]
         levels.append(Rows(A, np.zeros(m), np.zeros(m)))
-    motion = told["motion"]
+    motion = pattern["motion"]
     if motion is not None:
         F = np.ones(motion["F"])
         motion = Motion(F, np.zeros(F.shape[0]) if motion["f"] else None)
     made = Hierarchy(
         tuple(levels),
-        told["constraints"],
+        pattern["constraints"],
         n=n,
-        prices=None if told["prices"] is None else np.array(told["prices"]),
-        eta=told.get("eta", ETA),
-        turning=None if told.get("turning") is None else np.array(told["turning"]),
+        prices=None if pattern["prices"] is None else np.array(pattern["prices"]),
+        eta=pattern.get("eta", ETA),
+        turning=None if pattern.get("turning") is None else np.array(pattern["turning"]),
         motion=motion,
     )
-    return replace(made, metric=np.eye(n) if told["metric"] else None, origin=np.zeros(n) if told["origin"] else None)
+    return replace(
+        made, metric=np.eye(n) if pattern["metric"] else None, origin=np.zeros(n) if pattern["origin"] else None
+    )
 
 
 def arrays_of(problem: Hierarchy) -> list[Any]:

@@ -137,7 +137,7 @@ class Recorder:
         elif (not self._optimal or tick.status is not Status.OPTIMAL) and self._trigger(tick):
             self.dump()
         if self._unwritten:
-            tick.add((Note("recorder", tick.status, self._told()),))
+            tick.add((Note("recorder", tick.status, self._failure()),))
 
     def dump(self) -> None:
         """Write the ticks to a file, in a thread; the ring begins anew.  Without a tick there is nothing to do."""
@@ -186,12 +186,12 @@ class Recorder:
         for one in unwritten:
             self._write(one.path if to is None else Path(to) / one.path.name, one.segments, one.about)
         if self._unwritten:
-            raise HqpError(f"{self._told()}; wait(to=FOLDER) tries another folder")
+            raise HqpError(f"{self._failure()}; wait(to=FOLDER) tries another folder")
         if self._dropped:
             dropped, self._dropped = self._dropped, 0
             raise HqpError(f"{dropped} more recordings could not be written and were dropped")
 
-    def _told(self) -> str:
+    def _failure(self) -> str:
         more = f", and {self._dropped} that were dropped" if self._dropped else ""
         return "recordings could not be written: " + "; ".join(map(str, self._unwritten)) + more
 

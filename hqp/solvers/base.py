@@ -89,10 +89,10 @@ class Solver(ABC):
         if not isinstance(shape, Shape):
             raise ProblemError(f"workspace() needs a Shape, given {type(shape).__name__}")
         if shape.inequalities and not self.inequalities and not getattr(self, "ignore_inequalities", False):
-            told = f"{self.name} cannot solve inequalities; use an HQP solver such as 'lexicographic'"
+            message = f"{self.name} cannot solve inequalities; use an HQP solver such as 'lexicographic'"
             if hasattr(self, "ignore_inequalities"):
-                told += ", or drop them with ignore_inequalities=True"
-            raise UnsupportedProblem(told)
+                message += ", or drop them with ignore_inequalities=True"
+            raise UnsupportedProblem(message)
         if (shape.metric or shape.origin) and not self.metric:
             raise UnsupportedProblem(f"{self.name} supports neither metric nor origin; use 'lexicographic'")
         if any(shape.priced) and not self.priced:

@@ -141,8 +141,8 @@ def _require_hqp(found: Any, function: str) -> None:
 
 
 def _not_trusted(function: str) -> DeclarationError:
-    told = "a sweep file runs code, and this function is neither in hqp nor in the file's folder"
-    return DeclarationError("sweep", told, value=function, allowed="--trust (trust=True) if you trust the file")
+    message = "a sweep file runs code, and this function is neither in hqp nor in the file's folder"
+    return DeclarationError("sweep", message, value=function, allowed="--trust (trust=True) if you trust the file")
 
 
 def _look_in(folder: str) -> None:

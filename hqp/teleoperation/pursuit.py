@@ -79,8 +79,8 @@ class Pursuit:
             if fast > most_speed:
                 u = [most_speed / fast * x for x in u]
                 self.held_under = True
-            asked = zip(known[rows], u, v[rows], a[rows], strict=True)
-            wanted = [x + RATE * (y - z - h * b) for x, y, z, b in asked]
+            samples = zip(known[rows], u, v[rows], a[rows], strict=True)
+            wanted = [x + RATE * (y - z - h * b) for x, y, z, b in samples]
             size = math.hypot(*wanted)
             cut = most / size if size > most else 1.0
             a[rows] = [b + share * (cut * x - b) for b, x in zip(a[rows], wanted, strict=True)]

@@ -39,8 +39,8 @@ def operators(stack: Stack) -> dict[str, Follow]:
     tasks = [e for e in elements if isinstance(e, Pose) or (isinstance(e, Position) and e.axes == "xyz")]
     chosen: dict[str, Any] = {}
     for task in tasks:
-        told = f"{task.name} {task.frame}".lower()
-        side = next((side for side in ("left", "right", "head") if side in told), "other")
+        words = f"{task.name} {task.frame}".lower()
+        side = next((side for side in ("left", "right", "head") if side in words), "other")
         chosen.setdefault(side, task)
     if "right" not in chosen and "other" in chosen:
         chosen["right"] = chosen["other"]

@@ -17,7 +17,7 @@ from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
 from hqp.problem import Rows, Selection
 from hqp.programs.assembly import Assembly
-from hqp.torque.rows import asked_rows
+from hqp.torque.rows import demand_rows
 from hqp.torque.shared import GroundAxes, Shared, blocks, named, require_standing
 
 
@@ -194,7 +194,7 @@ class Forces:
             "frames": self._frames,
             "shared": [self._shares(shared) for shared in self._shared],
             "rows": [
-                {"C": self._C[own], **asked_rows(A[here], self._bounds[:, own], bounds[:, here])}
+                {"C": self._C[own], **demand_rows(A[here], self._bounds[:, own], bounds[:, here])}
                 for own, here, A, bounds in self._plan
             ],
         }

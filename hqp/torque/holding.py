@@ -43,15 +43,15 @@ def within_holding(stack: Stack, robot: Robot, share: float) -> tuple[Stack, str
         return stack, ""
     at_home = HoldingTorque(joints=tuple(bounds)).value(twin.state(twin.home))
     weak = {name: value for (name, bound), value in zip(bounds.items(), np.abs(at_home), strict=True) if value > bound}
-    told = ", ".join(f"{name} {value:.2g} of its limit" for name, value in weak.items())
-    told = (
-        f"motors that hold {robot.name} at home with more than {share:g} of their limits are not kept from it: {told}"
+    note = ", ".join(f"{name} {value:.2g} of its limit" for name, value in weak.items())
+    note = (
+        f"motors that hold {robot.name} at home with more than {share:g} of their limits are not kept from it: {note}"
         if weak
         else ""
     )
     kept = {name: bound for name, bound in bounds.items() if name not in weak}
     if not kept:
-        return stack, told
+        return stack, note
     most = tuple(kept.values())
     held = Within(
         HoldingTorque(joints=tuple(kept)),
@@ -60,7 +60,7 @@ def within_holding(stack: Stack, robot: Robot, share: float) -> tuple[Stack, str
         upper=most,
         recovery=RECOVERY,
     )
-    return Stack(*stack.levels, subject_to=(*stack.subject_to, held)), told
+    return Stack(*stack.levels, subject_to=(*stack.subject_to, held)), note
 
 
 def _scales(stack: Stack, robot: Robot) -> dict[int, float]:

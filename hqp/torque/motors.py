@@ -28,14 +28,14 @@ def within_motors(stack: Stack, robot: Robot) -> tuple[Stack, str]:
     if any(e.quantity == "effort" for e in stack.subject_to):
         return stack, ""
     names = [robot.joint_names[i] for i in range(robot.actuated.size)]
-    limit, told = overload(stack, robot)
+    limit, note = overload(stack, robot)
     kept = [name for name, most in zip(names, limit.tolist(), strict=True) if math.isfinite(most)]
     if not kept:
-        return stack, told
+        return stack, note
     from hqp.tasks import TorqueLimits
 
     motors = TorqueLimits(name="motors", joints=None if len(kept) == len(names) else kept, scale=OVERLOAD)
-    return Stack(*stack.levels, subject_to=(motors, *stack.subject_to)), told
+    return Stack(*stack.levels, subject_to=(motors, *stack.subject_to)), note
 
 
 def overload(stack: Stack, robot: Robot) -> tuple[Vec, str]:
@@ -44,9 +44,9 @@ def overload(stack: Stack, robot: Robot) -> tuple[Vec, str]:
     names, limit = robot.joint_names, OVERLOAD * robot.effort_limit[robot.actuated]
     needed = np.abs(_holding(stack, robot))
     weak = np.flatnonzero(needed > limit).tolist()
-    told = ", ".join(f"{names[i]} {limit[i] / OVERLOAD:.3g} of {needed[i]:.3g} N m" for i in weak)
+    note = ", ".join(f"{names[i]} {limit[i] / OVERLOAD:.3g} of {needed[i]:.3g} N m" for i in weak)
     limit[weak] = math.inf
-    return limit, f"no torque limit for motors too weak to hold {robot.name} at home: {told}" if weak else ""
+    return limit, f"no torque limit for motors too weak to hold {robot.name} at home: {note}" if weak else ""
 
 
 def _holding(stack: Stack, robot: Robot) -> Vec:

@@ -82,12 +82,12 @@ class Torque(Formulation):
 
         One that does so is kept where its motors can hold the robot.
         """
-        told = weak = ""
+        note = weak = ""
         if self.effort_limits:
-            stack, told = within_motors(stack, robot)
+            stack, note = within_motors(stack, robot)
         if self.holding is not None:
             stack, weak = within_holding(stack, robot, self.holding)
-        return stack, "; ".join(filter(None, (told, weak)))
+        return stack, "; ".join(filter(None, (note, weak)))
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law or loop_law, contacts in a level take law."""
@@ -199,9 +199,9 @@ class TorqueProgram(Program):
                 levels.append(Rows(self.A[part], self.lower[part], self.upper[part]))
                 slices.append(part)
                 at += size
-        J, asked = self.assembly.J, self.assembly.bounds
+        J, demand = self.assembly.J, self.assembly.bounds
         for i, j, k, m in runs:
-            self._rows.product(J[i:j], self.A[k:m], asked[:, i:j], self.bounds[:, k:m])
+            self._rows.product(J[i:j], self.A[k:m], demand[:, i:j], self.bounds[:, k:m])
         stacked = Stacked(self.A, self.lower, self.upper, tuple(slices)) if total else None
         motion = None
         if paid is not None:
@@ -246,8 +246,8 @@ class TorqueProgram(Program):
         """Plan for one motion element: a product with J, merged with the one before, or rows of X."""
         rows = self.assembly
         if part.start >= rows.J.shape[0]:
-            asked, bounds = rows.bounds[:, part], self.bounds[:, here]
-            self._rows.pick(rows.picks(part), rows.weight[part], self.A[here], asked, bounds)
+            demand, bounds = rows.bounds[:, part], self.bounds[:, here]
+            self._rows.pick(rows.picks(part), rows.weight[part], self.A[here], demand, bounds)
             return
         last = runs[-1] if runs else None
         if last and last[1] == part.start and last[3] == here.start:

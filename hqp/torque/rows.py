@@ -13,7 +13,7 @@ from hqp.problem import Motion
 class TorqueRows:
     """Arrays from which native code refills rows and motion, all of them live.
 
-    map: ``(nv, n + 1)``, [X, c].  asked, bounds: ``(2, m)``, lower and upper bounds on qdd and on tau.
+    map: ``(nv, n + 1)``, [X, c].  demand, bounds: ``(2, m)``, lower and upper bounds on qdd and on tau.
     """
 
     def __init__(self, map: Mat) -> None:
@@ -22,13 +22,13 @@ class TorqueRows:
         """Blocks that are rows of the map times a factor each, to the bit: (A, map, rows, factors)."""
         self._map = map
 
-    def product(self, J: Mat, A: Mat, asked: Mat, bounds: Mat) -> None:
+    def product(self, J: Mat, A: Mat, demand: Mat, bounds: Mat) -> None:
         """Rows J ``(m, nv)`` on qdd become A ``(m, n)`` = J X."""
-        self.parts["products"].append({"J": J, **asked_rows(A, asked, bounds)})
+        self.parts["products"].append({"J": J, **demand_rows(A, demand, bounds)})
 
-    def pick(self, index: Index, weight: Vec, A: Mat, asked: Mat, bounds: Mat) -> None:
+    def pick(self, index: Index, weight: Vec, A: Mat, demand: Mat, bounds: Mat) -> None:
         """Rows that pick coordinates ``(m,)`` of qdd, times a weight each, become A ``(m, n)``."""
-        picked = {"index": index.tolist(), "weight": weight.tolist(), **asked_rows(A, asked, bounds)}
+        picked = {"index": index.tolist(), "weight": weight.tolist(), **demand_rows(A, demand, bounds)}
         self.parts["picks"].append(picked)
         self.copies.append((A, self._map, index, weight))
 
@@ -38,6 +38,6 @@ class TorqueRows:
         self.copies.append((motion.F, self._map, np.arange(scale.size), scale))
 
 
-def asked_rows(A: Mat, asked: Mat, bounds: Mat) -> dict[str, Any]:
+def demand_rows(A: Mat, demand: Mat, bounds: Mat) -> dict[str, Any]:
     """Rows with requested bounds, and their destination."""
-    return {"A": A, "asked_lower": asked[0], "asked_upper": asked[1], "lower": bounds[0], "upper": bounds[1]}
+    return {"A": A, "demand_lower": demand[0], "demand_upper": demand[1], "lower": bounds[0], "upper": bounds[1]}

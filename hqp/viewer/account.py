@@ -88,14 +88,14 @@ def make_account(
     rad/s].  joints: names, lower, upper and speed limits by tangent coordinate.  motion: angles and velocities by
     tangent coordinate.
     """
-    told = _explain(snapshot, stack)
+    explanation = _explain(snapshot, stack)
     places = {m.name: m for m in stack.members}
     active = _active(snapshot, stack)
     limited = _joints(active, joints, motion)
     levels = []
     for k, title in enumerate(stack.levels):
         members = stack.of_level(k)
-        views = tuple(element_view(m, snapshot, told, errors.get(m.name), stack, active) for m in members)
+        views = tuple(element_view(m, snapshot, explanation, errors.get(m.name), stack, active) for m in members)
         residual = float(np.linalg.norm(snapshot["residuals"][k]))
         levels.append(LevelView(k, title, views, _worst(views), residual))
     missing = tuple(m for m in stack.members if m.level < 0)
@@ -108,7 +108,16 @@ def make_account(
     headline, reason, tone = make_headline(snapshot["status"], levels, notes, near, coming, places)
     apart = tuple(row for m in stack.members if m.kind == "CollisionAvoidance" for row, _ in active.get(m.name, ()))
     return Account(
-        snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, apart, snapshot["counters"], told
+        snapshot["status"],
+        headline,
+        reason,
+        tone,
+        tuple(levels),
+        limited,
+        notes,
+        apart,
+        snapshot["counters"],
+        explanation,
     )
 
 
@@ -188,15 +197,15 @@ def _joints(
 def element_view(
     m: Member,
     snapshot: Mapping[str, Any],
-    told: Explanation | None,
+    explanation: Explanation | None,
     error: tuple[float, str] | None,
     stack: StackDescription,
     active: Mapping[str, list[tuple[str, int]]],
 ) -> ElementView:
-    """One element of a tick; told: the explanation of the tick, or None."""
+    """One element of a tick; explanation: the explanation of the tick, or None."""
     w = np.asarray(snapshot["residuals"][m.level])[m.part] / m.weight
     residual = float(np.sqrt(w @ w))
-    met = is_zero(residual, 0.0) if told is None else told[m.name].met
+    met = is_zero(residual, 0.0) if explanation is None else explanation[m.name].met
     distance = "" if error is None else error[1]
     if not m.equality:
         rows = active.get(m.name, [])
@@ -206,18 +215,18 @@ def element_view(
         far = error is not None and error[0] > NEAR
         return ElementView(m.name, "moving" if far else "met", residual, distance, "")
     if m.level < stack.constraints or m.contact:
-        return ElementView(m.name, "violated", residual, distance, _why(told, m.name))
-    return ElementView(m.name, "short", residual, distance, _why(told, m.name))
+        return ElementView(m.name, "violated", residual, distance, _why(explanation, m.name))
+    return ElementView(m.name, "short", residual, distance, _why(explanation, m.name))
 
 
-def _why(told: Explanation | None, name: str) -> str:
+def _why(explanation: Explanation | None, name: str) -> str:
     """Why an element is not met, in words."""
-    if told is None:
+    if explanation is None:
         return ""
-    account = told[name]
+    account = explanation[name]
     held = account.held_back
     if account.cause == "price" and held is not None:
-        given = f"requested {_digits(held.asked)} {held.unit}, achieved {_digits(held.given)}"
+        given = f"requested {_digits(held.requested)} {held.unit}, achieved {_digits(held.achieved)}"
         return f"{given}: the price on motion outweighs the rest"
     if account.cause == "too fast":
         return "its target moves faster than the robot may"

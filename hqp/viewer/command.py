@@ -57,7 +57,7 @@ def _run(arguments: argparse.Namespace) -> int:
         solver=arguments.solver,
         dt=arguments.dt,
         seconds=arguments.seconds,
-        started=lambda view: _tell(view, f"{stack}\non {robot.name}", arguments),
+        started=lambda view: _announce(view, f"{stack}\non {robot.name}", arguments),
         operator=_invite if arguments.operator else None,
         **_page(arguments),
     )
@@ -75,11 +75,11 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     recording, robot = load(arguments.stack), read_robot(arguments)
 
-    def tell(view: View, left_out: int) -> None:
+    def announce(view: View, left_out: int) -> None:
         rest = f"; {left_out} ticks of another stack are left out" if left_out else ""
-        _tell(view, f"{recording}{rest}", arguments)
+        _announce(view, f"{recording}{rest}", arguments)
 
-    replay(recording, robot, seconds=arguments.seconds, started=tell, **_page(arguments))
+    replay(recording, robot, seconds=arguments.seconds, started=announce, **_page(arguments))
     return 0
 
 
@@ -87,7 +87,7 @@ def _page(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"host": arguments.host, "port": arguments.port, "password": arguments.password}
 
 
-def _tell(view: View, what: str, arguments: argparse.Namespace) -> None:
+def _announce(view: View, what: str, arguments: argparse.Namespace) -> None:
     """Print the content and address of the page, and open it."""
     print(f"{what}\nopen {view.url} (Ctrl-C ends)", flush=True)
     if view.elsewhere:

@@ -95,19 +95,19 @@ def replay(
     """
     from hqp import serial
 
-    told = recording.about
-    if not told["toml"]:
+    about = recording.about
+    if not about["toml"]:
         raise HqpError("the recording's stack has custom elements: use hqp replay, the viewer cannot show it")
-    if list(robot.joint_names) != told["robot"]["joints"]:
-        raise HqpError(f"the recording is of {told['robot']['name']}, whose joints are not those of {robot.name}")
-    dt = float(told["dt"])
-    session = Controller(serial.loads(told["toml"]), formulation(recording[0].kind)).session(robot, dt)
+    if list(robot.joint_names) != about["robot"]["joints"]:
+        raise HqpError(f"the recording is of {about['robot']['name']}, whose joints are not those of {robot.name}")
+    dt = float(about["dt"])
+    session = Controller(serial.loads(about["toml"]), formulation(recording[0].kind)).session(robot, dt)
     rows = _rows(session.program.problem)
     ticks = [tick for tick in recording if _rows(tick.problem) == rows]
     if not ticks:
         raise HqpError("no tick of the recording has its stack")
     count = 0
-    title = f"{robot.name}, recorded {told['made'][:16]}"
+    title = f"{robot.name}, recorded {about['made'][:16]}"
     with ReplayView(session, control=True, host=host, port=port, password=password, title=title) as view:
         view.of(recording)
         if started is not None:

@@ -80,7 +80,7 @@ class View:
         self.description: StackDescription
         first = describe_stack(session.line, session.controller.formulation, 0)
         self._channel = Channel(Layout(2 * sum(first.sizes) + 256, max(_TARGETS, 2 * len(first.targets))))
-        self._asked = 0.0
+        self._answered = 0.0
         self._dragged: dict[str, Reference] = {}
         self._holds: dict[str, Vec | Mat] = {}
         self._content: dict[str, Any] = {}
@@ -121,7 +121,7 @@ class View:
 
     def step(self, state: State, *references: Reference) -> Tick:
         """One tick of the session with dragged targets in place of references of the same name, then shown."""
-        if self.control and self._channel.targets_version != self._asked:
+        if self.control and self._channel.targets_version != self._answered:
             self._take_targets()
         if self._dragged:
             references = (*(r for r in references if r.name not in self._dragged), *self._dragged.values())
@@ -256,7 +256,7 @@ class View:
 
     def _take_targets(self) -> None:
         """Read the targets dragged in the page since the last tick."""
-        self._asked = self._channel.targets_version
+        self._answered = self._channel.targets_version
         self._dragged = {}
         for target in self.description.targets:
             value = self._channel.wanted(self._places[target.name], target.size)

@@ -69,9 +69,9 @@ def execute(arguments: argparse.Namespace) -> int:
         def each(state: Any, tick: Any) -> None:
             nonlocal due
             view.show(state, tick)
-            asked = keys.asked()
-            if asked is not None:
-                walker.stop() if asked == (0.0, 0.0, 0.0) else walker.go(*asked)
+            command = keys.command()
+            if command is not None:
+                walker.stop() if command == (0.0, 0.0, 0.0) else walker.go(*command)
             due = max(due + walker.dt, time.perf_counter())
             time.sleep(max(0.0, due - time.perf_counter()))
 

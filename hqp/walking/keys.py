@@ -45,7 +45,7 @@ class Keys:
 
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
-    def asked(self) -> tuple[float, float, float] | None:
+    def command(self) -> tuple[float, float, float] | None:
         """The velocity after the keys pressed since the last call, None for none."""
         if self._before is None or not select.select([sys.stdin], [], [], 0.0)[0]:
             return None

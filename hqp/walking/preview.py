@@ -40,7 +40,7 @@ class Ability:
         """Largest change of velocity from step to step [m/s]."""
         return CHANGE * math.sqrt(self.gravity * self.height)
 
-    def allowed(self, asked: Command) -> tuple[Command, tuple[str, ...]]:
+    def allowed(self, requested: Command) -> tuple[Command, tuple[str, ...]]:
         """The nearest command that steps within reach follow, and the reason for each change in words."""
         T, reach = QUICK * self.gait.period, self.reach
         aside = reach.most - self.width
@@ -51,27 +51,27 @@ class Ability:
         )  # fmt: skip
         found, why = [], []
         for name, unit, most, reason in bounds:
-            value = getattr(asked, name)
+            value = getattr(requested, name)
             kept = min(max(value, -most), most)
             found.append(kept)
             if kept != value:
                 why.append(f"{name} {value:.2f} -> {kept:.2f} {unit}: {reason}")
         return Command(*found), tuple(why)
 
-    def paced(self, now: Command, asked: Command) -> Command:
+    def paced(self, now: Command, requested: Command) -> Command:
         """Velocity of the next step: a bounded change towards the command."""
-        x, y = asked.forward - now.forward, asked.left - now.left
+        x, y = requested.forward - now.forward, requested.left - now.left
         share = min(1.0, self.change / max(math.hypot(x, y), 1e-12))
-        turn = min(max(asked.turn - now.turn, -TURNS), TURNS)
+        turn = min(max(requested.turn - now.turn, -TURNS), TURNS)
         if share == 1.0:
-            return Command(asked.forward, asked.left, now.turn + turn)
+            return Command(requested.forward, requested.left, now.turn + turn)
         return Command(now.forward + share * x, now.left + share * y, now.turn + turn)
 
-    def paces(self, now: Command, asked: Command, most: int = 24) -> list[Command]:
+    def paces(self, now: Command, requested: Command, most: int = 24) -> list[Command]:
         """Velocities of the steps until the command is met."""
         found: list[Command] = []
-        while len(found) < most and (not found or now != asked):
-            now = self.paced(now, asked)
+        while len(found) < most and (not found or now != requested):
+            now = self.paced(now, requested)
             found.append(now)
         return found
 

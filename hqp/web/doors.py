@@ -92,8 +92,8 @@ class Doors:
         """Reason of a refusal, None for an admitted request; headers: with ``get_all``, like those of websockets."""
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
-            told = "this name is not one of the machine's own: open the page by its IP address"
-            return HTTPStatus.FORBIDDEN, told
+            message = "this name is not one of the machine's own: open the page by its IP address"
+            return HTTPStatus.FORBIDDEN, message
         own = (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower())
         if any(origin.lower() not in own for origin in origins):
             return HTTPStatus.FORBIDDEN, "a page from elsewhere may not talk to this one"

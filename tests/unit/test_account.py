@@ -98,20 +98,20 @@ def test_an_arm_out_of_reach_is_held_back_by_its_price() -> None:
     assert held is not None
     assert held.share > 0.9
     assert held.unit == "m/s"
-    assert held.asked > 1.0
-    assert abs(held.given) < 0.01 * held.asked
+    assert held.requested > 1.0
+    assert abs(held.achieved) < 0.01 * held.requested
     assert held.short.names == ("x", "y", "z")
     assert held.short.direction[0] > 0.9  # away from the shoulder
     assert 0.0 < held.worth < 0.1
     (note,) = tick.notes
     assert (note.element, note.status) == ("hand", Status.OPTIMAL)
-    assert note.detail.startswith(f"requested {held.asked:.3g} m/s, achieved {held.given:.3g}, short along (")
+    assert note.detail.startswith(f"requested {held.requested:.3g} m/s, achieved {held.achieved:.3g}, short along (")
     assert note.detail.endswith("the price on motion outweighs the rest")
     assert "held back by its price: requested" in str(tick.explain())
     assert tick.status is Status.OPTIMAL
 
 
-def test_a_humanoid_out_of_reach_says_what_was_asked_and_given() -> None:
+def test_a_humanoid_out_of_reach_reports_request_and_achieved_part() -> None:
     robot, run, hand = humanoid("g1", hqp.Velocity())
     tick = drive(robot, run, hand, [1.0, 0.0, 0.2], 300)
     assert {"hand"} == {note.element for note in tick.notes}  # lower levels without a reference get no note
@@ -291,7 +291,7 @@ def test_the_kernels_shares_are_those_of_the_certificate(formulation: Any, price
             for i, element in enumerate(account.elements):
                 entry = told[element]
                 assert account.residual[i] == pytest.approx(entry.residual, abs=1e-9)
-                assert account.asked[i] == pytest.approx(entry.asked, rel=1e-6, abs=1e-9)
+                assert account.requested[i] == pytest.approx(entry.requested, rel=1e-6, abs=1e-9)
                 shares = {loss.element: loss.share for loss in account.losses(element)}
                 for loss in entry.losses if element in ("hand", "elbow") else ():
                     if loss.share > 0.05:
@@ -347,8 +347,8 @@ def test_accounts_can_be_kept_and_cost_little(monkeypatch: pytest.MonkeyPatch) -
     run.step(state)
     history = [run.step(robot.state(), goal).account() for _ in range(50)]
     assert len({account.count for account in history}) == 50
-    asked = [account.asked[account.elements.index("hand")] for account in history]
-    assert max(asked) == pytest.approx(min(asked))  # later ticks do not overwrite kept accounts
+    requested = [account.requested[account.elements.index("hand")] for account in history]
+    assert max(requested) == pytest.approx(min(requested))  # later ticks do not overwrite kept accounts
     first = run.step(robot.state())
     run.step(robot.state())
     with pytest.raises(HqpError, match="latest"):

@@ -53,7 +53,7 @@ def test_times_and_loads_lead_on(robot: Robot) -> None:
         ("swing", ""), ("land", "land"),
     ]  # fmt: skip
     assert run.session.program.out == {"hand"}
-    run.tell("go")
+    run.signal("go")
     assert walked(run, robot, [50.0]) == [("stop", "stop")]
     assert run.session.program.out == {"hand", "left"}
 

@@ -72,8 +72,8 @@ def test_keys_pressed_at_once_are_all_read(monkeypatch: pytest.MonkeyPatch) -> N
     with open(theirs) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
         with Keys() as keys:
-            assert keys.asked() is None
+            assert keys.command() is None
             os.write(own, b"www")
-            assert keys.asked() == (0.15, 0.0, 0.0)
-            assert keys.asked() is None
+            assert keys.command() == (0.15, 0.0, 0.0)
+            assert keys.command() is None
     os.close(own)

@@ -261,7 +261,7 @@ class Line {
         const std::ptrdiff_t at = member.lower - lower;
         if (at + (member.last - member.first) > std::ptrdiff_t(m))
           throw PlanError("rows on contact forces end outside their table: export the plan anew");
-        member.lower = one.doubles("asked_lower", m) + at, member.upper = one.doubles("asked_upper", m) + at;
+        member.lower = one.doubles("demand_lower", m) + at, member.upper = one.doubles("demand_upper", m) + at;
         break;
       }
     const std::ptrdiff_t count = member.last - member.first;

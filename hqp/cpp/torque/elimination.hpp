@@ -25,7 +25,7 @@ class Elimination : public Reactions {
 struct Asked {
   int m;
   double* A;  // (m, n), written as the bounds are
-  const double *asked_lower, *asked_upper;
+  const double *demand_lower, *demand_upper;
   double *lower, *upper;
 };
 

@@ -45,8 +45,8 @@ class RowsOfForces final : public ForceRows {
         std::fill(sum_.begin(), sum_.end(), 0.0);
         add_rows(sum_.data(), turned_.data(), w, m_, 1.0, C + i * m_, 1, w);
         std::copy(sum_.begin(), sum_.begin() + n_, rows.A + i * n_);
-        rows.lower[i] = rows.asked_lower[i] - sum_[n_];
-        rows.upper[i] = rows.asked_upper[i] - sum_[n_];
+        rows.lower[i] = rows.demand_lower[i] - sum_[n_];
+        rows.upper[i] = rows.demand_upper[i] - sum_[n_];
       }
   }
 

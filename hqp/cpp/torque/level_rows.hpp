@@ -66,8 +66,8 @@ class LevelRows final : public TorqueRows {
   };
 
   static void shift(const Asked& rows, int i, double offset) {
-    rows.lower[i] = rows.asked_lower[i] - offset;
-    rows.upper[i] = rows.asked_upper[i] - offset;
+    rows.lower[i] = rows.demand_lower[i] - offset;
+    rows.upper[i] = rows.demand_upper[i] - offset;
   }
 
   const double* map_;

@@ -156,8 +156,8 @@ class TorqueParts final : public SolveCall {
   template <class Plan>
   Asked rows(const Plan& p) const {
     const std::size_t m = p.part("lower").size();
-    return {static_cast<int>(m),         p.doubles("A", m * n_), p.doubles("asked_lower", m),
-            p.doubles("asked_upper", m), p.doubles("lower", m),  p.doubles("upper", m)};
+    return {static_cast<int>(m),          p.doubles("A", m * n_), p.doubles("demand_lower", m),
+            p.doubles("demand_upper", m), p.doubles("lower", m),  p.doubles("upper", m)};
   }
   template <class Plan>
   void share(const Plan& p) {

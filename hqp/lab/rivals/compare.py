@@ -50,7 +50,7 @@ def compare_rivals(
     seconds: float = 2.0,
     dt: float = 0.002,
     rounds: int = 3,
-    told: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> RivalTable:
     """Run a stack in closed loop with hqp and with rivals, each in its own environment, which is made where needed.
 
@@ -60,20 +60,20 @@ def compare_rivals(
     installed or its robot is another.
     """
     made = [scene(name, robot, stack) for name in scenes]
-    places = {name: environment(name, told) for name in rivals}
+    places = {name: environment(name, progress) for name in rivals}
     found: list[Line] = []
     with tempfile.TemporaryDirectory() as held:
         folder = Path(held)
         write(folder, robot, made, seconds, dt)
         for turn in range(rounds):
             part = made if turn == 0 else made[:1]
-            told(f"hqp, round {turn + 1} of {rounds}")
+            progress(f"hqp, round {turn + 1} of {rounds}")
             found += _ours(part, seconds, dt, "hqp")
             found += _ours(part, seconds, dt, EXACT)
             if "tsid" in rivals:
                 found += _ours(part, seconds, dt, TORQUE)
             for name in rivals:
-                told(f"{name}, round {turn + 1} of {rounds}")
+                progress(f"{name}, round {turn + 1} of {rounds}")
                 found += _theirs(name, places[name], folder, part, seconds, dt)
     about = manifest(
         stack=str(stack), robot=robot.name, dt=dt, seconds=seconds, rounds=rounds,
@@ -100,12 +100,12 @@ def _ours(scenes: Sequence[Scene], seconds: float, dt: float, which: str) -> lis
         motion = _motion(s, seconds)
         done = run(
             _torque_stack(s.stack) if torque else s.stack, s.robot, load(), "hqp", formulation, motion,
-            dt=dt, ticks=round(seconds / dt), plant="integrator", certify_every=10**9, told=lambda k: None,
+            dt=dt, ticks=round(seconds / dt), plant="integrator", certify_every=10**9, progress=lambda k: None,
             price=0 if which == EXACT else None,
         )  # fmt: skip
-        told = {status for status in done.statuses if status not in ("OPTIMAL", "NOT_STRICT")}
+        statuses = {status for status in done.statuses if status not in ("OPTIMAL", "NOT_STRICT")}
         speeds = done.rates[:, s.robot.actuated]
-        said = ", ".join(sorted(told))
+        said = ", ".join(sorted(statuses))
         lines.append(line(which, s.name, done.total, speeds, done.behaviour, dt, 0, said))
     return lines
 
@@ -178,16 +178,16 @@ def answers(name: str, python: Path, folder: Path, scenes: Sequence[Scene]) -> I
     about = json.loads((folder / "answer.json").read_text())
     arrays = np.load(folder / "answer.npz")
     for s in scenes:
-        told = about[s.name]
-        if "refused" in told:
-            yield s, str(told["refused"])
+        answer = about[s.name]
+        if "refused" in answer:
+            yield s, str(answer["refused"])
             continue
         home = s.robot.state(s.robot.home)
-        if float(np.abs(home.com() - told["com"]).max()) > SAME:
-            raise HqpError(f"{name} reads another robot: centre of mass {told['com']}, here {home.com().tolist()}")
+        if float(np.abs(home.com() - answer["com"]).max()) > SAME:
+            raise HqpError(f"{name} reads another robot: centre of mass {answer['com']}, here {home.com().tolist()}")
         part = {key: arrays[f"{s.name}/{key}"] for key in ("wall", "failed", "base", "angles", "speeds")}
         q, v = _states(s.robot, part["base"], part["angles"], part["speeds"])
-        yield s, Answer(q, v, part["wall"], part["failed"], told["failed"])
+        yield s, Answer(q, v, part["wall"], part["failed"], answer["failed"])
 
 
 def _states(robot: Any, base: Mat, angles: Mat, speeds: Mat) -> tuple[Mat, Mat]:

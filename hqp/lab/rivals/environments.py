@@ -27,7 +27,7 @@ def folder() -> Path:
 
 
 def environment(
-    name: str, told: Callable[[str], None] = lambda text: None, rivals: Mapping[str, Sequence[str]] = RIVALS
+    name: str, progress: Callable[[str], None] = lambda text: None, rivals: Mapping[str, Sequence[str]] = RIVALS
 ) -> Path:
     """The Python of a rival's environment, made if it is not there.
 
@@ -42,7 +42,7 @@ def environment(
     mark = place / "installed.txt"
     if mark.is_file() and mark.read_text() == wanted and python.exists():
         return python
-    told(f"installing {', '.join(rivals[name])} into {place}")
+    progress(f"installing {', '.join(rivals[name])} into {place}")
     _call([sys.executable, "-m", "venv", "--clear", str(place)], name)
     options = ["--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
     _call([str(python), "-m", "pip", "install", *options, *rivals[name]], name)

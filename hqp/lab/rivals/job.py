@@ -80,7 +80,7 @@ def gain(element: Any) -> float:
 def write(folder: Path, robot: Any, scenes: list[Scene], seconds: float, dt: float) -> None:
     """``job.json`` and ``targets.npz`` of all scenes."""
     targets: dict[str, Mat] = {}
-    told = []
+    jobs = []
     frames = {t.frame for scene in scenes for t in plain(scene.stack) if t.frame}
     for scene in scenes:
         tasks = plain(scene.stack)
@@ -100,7 +100,7 @@ def write(folder: Path, robot: Any, scenes: list[Scene], seconds: float, dt: flo
         state = scene.robot.state(scene.robot.home)
         names = [scene.robot.joint_name(int(c)) for c in scene.robot.joints(None)]
         columns = [int(c) for c in scene.robot.joints(None)]
-        told.append({
+        jobs.append({
             "name": scene.name, "ticks": ticks, "tasks": [vars(task) for task in tasks], "joints": names,
             "urdf": urdf(scene.robot, frames), "floating": bool(scene.robot.floating),
             "angles": state.angles[columns].tolist(),
@@ -110,5 +110,5 @@ def write(folder: Path, robot: Any, scenes: list[Scene], seconds: float, dt: flo
             "com": state.com().tolist(),
         })  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "job.json").write_text(json.dumps({"dt": dt, "scenes": told}))
+    (folder / "job.json").write_text(json.dumps({"dt": dt, "scenes": jobs}))
     np.savez(folder / "targets.npz", allow_pickle=False, **targets)

@@ -37,7 +37,7 @@ def compare_teleop(
     families: Sequence[str] = tuple(FAMILIES),
     seconds: float = SECONDS,
     dt: float = 0.002,
-    told: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> TeleopTable:
     """Follow an operator's hand with hqp, and with rivals as their users do: the latest packet, to be met in one tick.
 
@@ -47,11 +47,11 @@ def compare_teleop(
     """
     made = [family(name, robot, stack) for name in families]
     lines: list[Felt] = []
-    told("hqp")
+    progress("hqp")
     lines += [ours(one, robot, stack, seconds, dt) for one in made]
     for name in rivals:
-        told(name)
-        lines += _theirs(name, environment(name, told), made, robot, stack, seconds, dt)
+        progress(name)
+        lines += _theirs(name, environment(name, progress), made, robot, stack, seconds, dt)
     about = manifest(
         stack=str(stack), robot=robot.name, dt=dt, seconds=seconds, families={f.name: FAMILIES[f.name] for f in made}
     )
