@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -81,6 +82,7 @@ class Retargeted:
         Raises DeclarationError for another ending.
         """
         path = Path(path)
+        writers: dict[str, Callable[[Path], None]]
         writers = dict(zip(FORMATS, (self._npz, self._csv, self._pickle), strict=True))
         if path.suffix.lower() not in writers:
             raise DeclarationError("retarget", "unknown file type", value=str(path), allowed=", ".join(FORMATS))
