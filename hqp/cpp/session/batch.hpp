@@ -58,7 +58,7 @@ class Batch {
   // Sum over the ticks of all worlds; no gap: a world has no clock.
   Counts counters() const {
     Counts sum;
-    for (const auto& session : sessions_) sum.add(session->current().counters().counts());
+    for (const auto& session : sessions_) sum.add(session->current().timing().counters().counts());
     sum.longest_gap = 0.0;
     return sum;
   }

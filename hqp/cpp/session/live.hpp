@@ -79,15 +79,15 @@ class GivenState {
     const int nq = line.nq(), nv = line.nv();
     if (!q_.data() || !v_.data() || !q_.has(&nq, 1) || !v_.has(&nv, 1))
       throw nb::type_error("q and v are vectors of doubles");
-    if (!time.is_none()) measured_ = nb::cast<double>(time), told.time = &measured_;
-    told.now = now;
-    if (!angles.is_none()) told.angles = angles_.data();
-    if (!fault.is_none()) told.fault = (fault_ = nb::cast<std::string>(fault)).c_str();
+    if (!time.is_none()) measured_ = nb::cast<double>(time), facts.time = &measured_;
+    facts.now = now;
+    if (!angles.is_none()) facts.angles = angles_.data();
+    if (!fault.is_none()) facts.fault = (fault_ = nb::cast<std::string>(fault)).c_str();
   }
   const double* q() const { return q_.data(); }
   const double* v() const { return v_.data(); }
 
-  hqp::Guarded::Told told;
+  hqp::StateFacts facts;
 
  private:
   hqp::Doubles q_, v_, angles_;
@@ -112,7 +112,7 @@ class LiveSession {
     bool all = false;
     int at = 0;
     for (const nb::handle reference : references) {
-      if (!take(reference, all)) return session_->forget(), at;
+      if (!take(reference, all)) return session_->inputs().forget(), at;
       ++at;
     }
     if (source_.foreign()) source_.foreign()->ask(all && session_->line().torque());
@@ -131,13 +131,13 @@ class LiveSession {
           member && member->slot >= 0 ? &session_->line().slots()[std::size_t(member->slot)] : nullptr;
       if (!slot || slot->plain == hqp::Plain::kNo || value == Py_None ||
           !number(*member, *slot, 0, value, slot->shape) ||
-          !turns(*slot, session_->references().numbers(std::size_t(member->slot), 0)))
-        return session_->forget(), false;
+          !turns(*slot, session_->inputs().references().numbers(std::size_t(member->slot), 0)))
+        return session_->inputs().forget(), false;
     }
     if (source_.foreign()) source_.foreign()->ask(false);
     return true;
   }
-  void phase(const std::string& name) { session_->phase(name); }
+  void phase(const std::string& name) { session_->inputs().phase(name); }
 
   // The record of a command that was sent before, see Guarded::begin.
   nb::object begin(const Vector& command, const std::optional<Vector>& q, const std::optional<Vector>& v,
@@ -154,7 +154,7 @@ class LiveSession {
     const char* why = session_->halt().why();
     return why ? why : "";
   }
-  const std::vector<double>& start() const { return session_->start(); }
+  const std::vector<double>& start() const { return session_->latest().start; }
 
   // A record; a tuple (record, status, ticks held, notes, count of notes not on joint limits) unless the tick is
   // optimal without notes.
@@ -162,7 +162,7 @@ class LiveSession {
     const GivenState given(session_->line(), q, v, time, now, angles, fault);
     {
       const nb::gil_scoped_release release;
-      session_->step(given.q(), given.v(), given.told);
+      session_->step(given.q(), given.v(), given.facts);
     }
     return told();
   }
@@ -174,13 +174,13 @@ class LiveSession {
     return nb::make_tuple(made, static_cast<int>(tick.status()), tick.held(), notes(tick.notes()),
                           session_->plain_notes());
   }
-  void follow(const LiveSession& other) { session_->follow(*other.session_, other.session_->sent().data()); }
+  void follow(const LiveSession& other) { session_->follow(*other.session_, other.session_->latest().x.data()); }
   // Hold this value until the element is left out.
   void keep_hold(const std::string& name, const Vector& value) {
     const hqp::Member* member = find(nb::str(name.c_str()).ptr());
     if (!member || member->slot < 0 || session_->line().slots()[std::size_t(member->slot)].hold.size() != value.size())
       return;
-    session_->references().keep_hold(std::size_t(member->slot), value.data());
+    session_->inputs().references().keep_hold(std::size_t(member->slot), value.data());
   }
   // Hold values by name, flat, of elements whose references have numbers.
   nb::dict holds() const {
@@ -196,12 +196,12 @@ class LiveSession {
   std::string too_large(const Vector& q, const Vector& v, const Vector& angles) {
     return session_->too_large(q.data(), v.data(), angles.data());
   }
-  hqp::Counts counters() const { return session_->counters().counts(); }
-  std::int64_t heartbeat() const { return session_->counters().heartbeat(); }
-  bool good() const { return session_->good(); }
+  hqp::Counts counters() const { return session_->timing().counters().counts(); }
+  std::int64_t heartbeat() const { return session_->timing().counters().heartbeat(); }
+  bool good() const { return session_->latest().good; }
   std::int64_t held() const { return session_->tick().held(); }
-  double deadline() const { return session_->budget().deadline(); }
-  double margin() const { return session_->budget().margin(); }
+  double deadline() const { return session_->timing().budget().deadline(); }
+  double margin() const { return session_->timing().budget().margin(); }
   hqp::Guarded& get() { return *session_; }
 
   template <class Some>
@@ -221,11 +221,11 @@ class LiveSession {
               const std::vector<int>& shape) {
     const std::size_t k = std::size_t(member.slot);
     if (what == 0 && slot.size() == 0) return true;  // Python reads its value
-    if (!hqp::Doubles::copy(value, session_->references().numbers(k, what), shape.data(),
+    if (!hqp::Doubles::copy(value, session_->inputs().references().numbers(k, what), shape.data(),
                             static_cast<int>(shape.size())))
       return false;
-    session_->references().mark(k, what);
-    session_->name(std::size_t(&member - session_->line().members().data()));
+    session_->inputs().references().mark(k, what);
+    session_->inputs().name(std::size_t(&member - session_->line().members().data()));
     return true;
   }
   static bool turns(const hqp::Slot& slot, const double* value) {  // true if a rotation or pose is valid
@@ -239,19 +239,20 @@ class LiveSession {
     const hqp::Member* member = name.is_valid() ? find(name.ptr()) : nullptr;
     if (!member) return false;
     const std::size_t m = std::size_t(member - session_->line().members().data());
-    session_->name(m);
+    session_->inputs().name(m);
     if (const nb::handle load = field(given, load_); load.is_valid()) {
       if (!member->contact) return false;
-      session_->contacts().measure(m, nb::cast<double>(load));
+      session_->inputs().contacts().measure(m, nb::cast<double>(load));
     }
     if (const nb::handle on = field(given, on_); on.is_valid()) {
       if (member->level < 0 && member->row == member->row_end) return false;  // a load
-      session_->say(m, nb::cast<bool>(on));
+      session_->inputs().say(m, nb::cast<bool>(on));
     }
     all = all || field(given, fields_.gravity_normal).is_valid();
     if (member->slot < 0) return true;
     const hqp::Slot& slot = session_->line().slots()[std::size_t(member->slot)];
-    session_->references().forget(std::size_t(member->slot));  // an earlier reference of the same element is replaced
+    session_->inputs().references().forget(
+        std::size_t(member->slot));  // an earlier reference of the same element is replaced
     const std::vector<int> rows{slot.rows}, three{3};
     const auto copy = [&](const nb::str& key, int what, const std::vector<int>& shape) {
       const nb::handle value = field(given, key);
@@ -294,7 +295,7 @@ class LiveTransition final : public hqp::Transition::Hooks {
   void step(nb::handle q, nb::handle v, nb::handle time, double now, nb::handle angles, nb::handle fault) {
     const GivenState given(sessions_[0]->get().line(), q, v, time, now, angles, fault);
     const nb::gil_scoped_release release;
-    transition_->step(given.q(), given.v(), given.told);
+    transition_->step(given.q(), given.v(), given.facts);
   }
   void begin() { transition_->begin_sent(); }
   void end() { transition_->end(); }

@@ -21,8 +21,8 @@ inline nb::object record(const hqp::Guarded& session, std::vector<double>& next)
   const hqp::Line& line = session.line();
   const hqp::Answered* answer = session.answered();
   const std::size_t n = std::size_t(line.size()), rows = line.rows(), points = answer ? answer->point_count : 0;
-  const std::size_t numbers =
-      tick.command().size() + 2 * n + rows + 6 + session.q().size() + session.v().size() + next.size() + points;
+  const std::size_t numbers = tick.command().size() + 2 * n + rows + 6 + session.latest().q.size() +
+                              session.latest().v.size() + next.size() + points;
   const nb::object made =
       nb::steal(PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + rows + 1)));
   if (!made.is_valid()) nb::raise_python_error();
@@ -36,14 +36,14 @@ inline nb::object record(const hqp::Guarded& session, std::vector<double>& next)
     std::fill(out, out + n + rows, 0.0);
     out += n + rows;
   }
-  for (const double number :
-       {session.begun(), session.filling(), session.solving(), answer ? double(answer->iterations) : 0.0,
-        answer ? double(answer->factorisations) : 0.0, answer ? double(static_cast<int>(answer->status)) : 0.0})
+  for (const double number : {session.timing().begun(), session.timing().filling(), session.timing().solving(),
+                              answer ? double(answer->iterations) : 0.0, answer ? double(answer->factorisations) : 0.0,
+                              answer ? double(static_cast<int>(answer->status)) : 0.0})
     *out++ = number;
-  out = std::copy(session.q().begin(), session.q().end(), out);
-  out = std::copy(session.v().begin(), session.v().end(), out);
+  out = std::copy(session.latest().q.begin(), session.latest().q.end(), out);
+  out = std::copy(session.latest().v.begin(), session.latest().v.end(), out);
   if (!next.empty()) {
-    line.kinematics()->integrate(session.q().data(), tick.x().data(), line.dt(), next.data());
+    line.kinematics()->integrate(session.latest().q.data(), tick.x().data(), line.dt(), next.data());
     out = std::copy(next.begin(), next.end(), out);
   }
   if (points) out = std::copy(answer->points, answer->points + points, out);

@@ -154,13 +154,13 @@ const Tick& Session::step(const double* q, const double* v, double time) noexcep
   return step(q, v, time, std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count());
 }
 const Tick& Session::step(const double* q, const double* v, double time, double now) noexcept {
-  Guarded::Told told;
-  told.time = &time, told.now = now;
-  return stacks_->step(q, v, told);
+  StateFacts facts;
+  facts.time = &time, facts.now = now;
+  return stacks_->step(q, v, facts);
 }
 const Tick& Session::tick() const { return stacks_->tick(); }
-Counts Session::counters() const noexcept { return stacks_->shared().counters().counts(); }
-std::int64_t Session::heartbeat() const noexcept { return stacks_->shared().counters().heartbeat(); }
+Counts Session::counters() const noexcept { return stacks_->shared().timing().counters().counts(); }
+std::int64_t Session::heartbeat() const noexcept { return stacks_->shared().timing().counters().heartbeat(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
   stacks_->current().line().kinematics()->integrate(q, v, dt, out);
 }

@@ -74,7 +74,7 @@ class Reference {
 
  private:
   friend class Session;
-  friend class Guarded;
+  friend class Inputs;
   friend class References;
   friend class Stacks;
   enum What { kValue, kVelocity, kAcceleration, kNormal, kLoad, kHold };

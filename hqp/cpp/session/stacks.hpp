@@ -72,7 +72,7 @@ class Stacks {
           names_.push_back(member.name);
     for (Stack& stack : stacks_) {
       for (const std::string& name : names_) stack.members.push_back(index(*stack.lines[0], name));
-      if (stacks_.size() > 1) stack.lines[0]->share();
+      if (stacks_.size() > 1) stack.lines[0]->share_rows();
       stack.lines[0]->join(*stacks_[0].lines[0]);
     }
     stale_.assign(stacks_.size(), false);
@@ -81,9 +81,9 @@ class Stacks {
   }
   Stacks(const Stacks&) = delete;
 
-  const Tick& step(const double* q, const double* v, const Guarded::Told& told = {}) {
+  const Tick& step(const double* q, const double* v, const StateFacts& facts = {}) {
     tidy();
-    tick_ = legs_.empty() ? &current_->step(q, v, told) : &legs_.back().transition->step(q, v, told);
+    tick_ = legs_.empty() ? &current_->step(q, v, facts) : &legs_.back().transition->step(q, v, facts);
     return *tick_;
   }
   const Tick& tick() const { return *tick_; }
@@ -105,7 +105,7 @@ class Stacks {
     if (over == 0.0) {
       Guarded& next = fresh(named_[to]);
       for (const std::string& held : way->way->stops.back().first_kept) Transition::keep_hold(*current_, next, held);
-      if (legs_.empty()) next.follow(*current_, current_->sent().data());
+      if (legs_.empty()) next.follow(*current_, current_->latest().x.data());
       else legs_.back().transition->pass_on(next);
       retire();
       current_ = &next;
@@ -137,27 +137,28 @@ class Stacks {
   std::size_t element(const std::string& name) const {
     const auto found = std::find(names_.begin(), names_.end(), name);
     if (found != names_.end()) return std::size_t(found - names_.begin());
-    return stacks_[0].lines[0]->references().member(name);  // throws, and lists the names
+    return stacks_[0].lines[0]->inputs().references().member(name);  // throws, and lists the names
   }
-  // Guarded::set and Guarded::say for the stacks at work. Throws ReferenceError if none has the element.
+  // Inputs::set and Inputs::say for the stacks at work. Throws ReferenceError if none has the element.
   void set(std::size_t element, int field, const double* values, std::size_t size) {
     require(element, offer(element, field, values, size));
   }
   // Return false if no stack at work has the element.
   bool offer(std::size_t element, int field, const double* values, std::size_t size) {
-    const bool any = each(element, [&](Guarded& line, std::size_t member) { line.set(member, field, values, size); });
+    const bool any =
+        each(element, [&](Guarded& line, std::size_t member) { line.inputs().set(member, field, values, size); });
     if (field == Reference::kLoad)
       for (const Leg& leg : legs_) leg.transition->measure(names_[element], *values);
     return any;
   }
   void say(std::size_t element, bool in) {
-    require(element, each(element, [&](Guarded& line, std::size_t member) { line.say(member, in); }));
+    require(element, each(element, [&](Guarded& line, std::size_t member) { line.inputs().say(member, in); }));
   }
   // Count of numbers in a field of the element's reference.
   std::size_t width(std::size_t element, int field) const {
     std::size_t k = 0;
     while (stacks_[k].members[element] < 0) ++k;
-    return stacks_[k].lines[0]->references().width(std::size_t(stacks_[k].members[element]), field);
+    return stacks_[k].lines[0]->inputs().references().width(std::size_t(stacks_[k].members[element]), field);
   }
   const std::vector<double>& held(std::size_t element) const {
     const Guarded* line = current_;
@@ -168,13 +169,13 @@ class Stacks {
   // Set the phase of the following ticks, "" for none, in the stacks that have it.
   void phase(const std::string& name) {
     tidy();
-    if (!current_->knows(name) &&
+    if (!current_->inputs().knows(name) &&
         (legs_.empty() || std::none_of(legs_.begin(), legs_.end(), [&](const Leg& leg) { return leg.knows(name); })))
-      current_->phase(name);  // throws, and lists the phases
+      current_->inputs().phase(name);  // throws, and lists the phases
     phase_ = name;
-    if (legs_.empty()) current_->phase(name);
+    if (legs_.empty()) current_->inputs().phase(name);
     for (const Leg& leg : legs_)
-      for (Guarded* line : leg.lines) line->phase(line->knows(name) ? name : "");
+      for (Guarded* line : leg.lines) line->inputs().phase(line->inputs().knows(name) ? name : "");
   }
   void begin(const double* command, const double* q, const double* v) {
     tidy();
@@ -192,7 +193,7 @@ class Stacks {
       stack.lines[0]->reset_rows();
     }
     stale_.assign(stacks_.size(), false);
-    current_->pause();
+    current_->timing().pause();
     phase_.clear(), at_ = 0;
     current_ = stacks_[0].lines[0].get();
     tick_ = &current_->tick();
@@ -301,7 +302,7 @@ class Stacks {
     std::unique_ptr<Transition> transition;
 
     bool knows(const std::string& phase) const {
-      return std::any_of(lines.begin(), lines.end(), [&](const Guarded* line) { return line->knows(phase); });
+      return std::any_of(lines.begin(), lines.end(), [&](const Guarded* line) { return line->inputs().knows(phase); });
     }
   };
 
@@ -366,13 +367,13 @@ class Stacks {
   // A line of a stack that is not at work, as new; its rows and its solver go on.
   Guarded& fresh(std::size_t k, const std::vector<Guarded*>& others = {}) {
     Stack& stack = stacks_[k];
-    for (const auto& line : stack.lines) line->all_in();
+    for (const auto& line : stack.lines) line->inputs().all_in();
     std::size_t at = 0;
     while (at < stack.lines.size() && works(stack.lines[at].get(), others)) ++at;
     Guarded& line = this->line(k, at);
     if (stale_[k]) stack.lines[0]->reset_rows(), stale_[k] = false;
     line.renew();
-    if (line.knows(phase_)) line.phase(phase_);
+    if (line.inputs().knows(phase_)) line.inputs().phase(phase_);
     return line;
   }
   template <class Do>
@@ -395,9 +396,9 @@ class Stacks {
   Guarded& line(std::size_t k, std::size_t number) {
     Stack& stack = stacks_[k];
     while (stack.lines.size() <= number) {
-      for (const auto& other : stack.lines) other->all_in();
+      for (const auto& other : stack.lines) other->inputs().all_in();
       stack.lines.push_back(made<Guarded>(stack.source));
-      stack.lines.back()->share(), stack.lines.back()->join(*stacks_[0].lines[0]);
+      stack.lines.back()->share_rows(), stack.lines.back()->join(*stacks_[0].lines[0]);
       if (unlimited_) stack.lines.back()->without_deadline();
     }
     return *stack.lines[number];

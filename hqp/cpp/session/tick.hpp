@@ -130,8 +130,13 @@ class Tick {
 
  private:
   friend class Guarded;
+  friend class SessionState;
   friend class Transition;
   static constexpr std::size_t kNotes = 16;
+
+  void add(const Note& note) {
+    if (note_count_ < notes_.size()) notes_[note_count_++] = note;
+  }
 
   std::vector<double> command_, x_, residuals_;
   std::vector<std::int8_t> marks_;

@@ -83,8 +83,8 @@ class Transition {
         gradual_(stacks_[0]->robot().joint_names,
                  std::vector<double>(stacks_[0]->robot().picks.size(), 1.0 / stacks_[0]->outgoing().most()),
                  stacks_[0]->line().dt(), "transition"),
-        x_(under_way ? under_way->x_ : stacks_[0]->sent()),
-        good_(under_way ? under_way->good_ : stacks_[0]->good()),
+        x_(under_way ? under_way->x_ : stacks_[0]->latest().x),
+        good_(under_way ? under_way->good_ : stacks_[0]->latest().good),
         ordinary_(under_way ? under_way->ordinary_ : stacks_[0]->ordinary()),
         reached_(ordinary_ && !under_way),
         asked_(way.stops.size() == 2) {
@@ -96,7 +96,7 @@ class Transition {
     held_ = tick.held();
     sent_.waits.reserve(4), sent_.limited.reserve(tick_.notes_.size());
     if (!under_way_) stacks_[0]->aside();
-    stacks_[0]->lasting(true);
+    stacks_[0]->inputs().lasting(true);
     for (std::size_t k = 1; k < stacks_.size(); ++k) stacks_[k]->follow(from, x_.data()), stacks_[k]->aside();
     for (std::size_t k = 0; k < stacks_.size(); ++k) order_.push_back(k);
     for (const Guarded* one : stacks_) {
@@ -120,7 +120,7 @@ class Transition {
     take_way();
     sent_.done = false, tick_.held_ = held_;
     if (!begun_) return;
-    stack(0).lasting(true), stack(1).lasting(!ramp_.arriving() || leaving_);
+    stack(0).inputs().lasting(true), stack(1).inputs().lasting(!ramp_.arriving() || leaving_);
     if (Easing* const ease = easings_[ramp_.at()].get()) stack(ease->second() ? 1 : 0).line().ahead(ease);
   }
 
@@ -129,40 +129,41 @@ class Transition {
     if (!asked_) loads_.emplace_back(name, load);
   }
 
-  const Tick& step(const double* q, const double* v, const Guarded::Told& told) {
-    const double start = Guarded::now();
+  const Tick& step(const double* q, const double* v, const StateFacts& facts) {
+    const double start = Timing::now();
     if (!std::exchange(asked_, true)) feel();
     loads_.clear();
     if (!std::exchange(begun_, true)) begin();
     Easing* const ease = easings_[ramp_.at()].get();
     Guarded &first = stack(0), &second = stack(1);
     bool here = ease && ease->stands();
-    for (std::size_t k = 0; here && k < ease->elements().size(); ++k) here = !first.named(ease->elements()[k]);
+    for (std::size_t k = 0; here && k < ease->elements().size(); ++k) here = !first.inputs().named(ease->elements()[k]);
     if (!here && order_[ramp_.at()] == 0) hold_here(0, way_.here);
     sent_.waits.clear(), sent_.limited.clear();
     double h = 0.0;
     if (ease && !ease->second()) {
-      const Tick& b = run(1, q, v, told);
+      const Tick& b = run(1, q, v, facts);
       h = ramp_.target(false);
       ease->aim(b.x().data(), h, here);
-      run(0, q, v, told);
+      run(0, q, v, facts);
     } else {
-      const Tick& a = run(0, q, v, told);
+      const Tick& a = run(0, q, v, facts);
       if (a.held() == 0) bear(a.x().data());
       h = ramp_.target(!sent_.waits.empty());
       if (ease) ease->aim(a.x().data(), h, here);
-      run(1, q, v, told);
+      run(1, q, v, facts);
     }
     const Tick &a = tick_of(0), &b = tick_of(1);
-    if (!good_ && tick_.count_ == 0) x_ = first.start();
+    if (!good_ && tick_.count_ == 0) x_ = first.latest().start;
     sent_.first = order_[ramp_.at()], sent_.second = order_[ramp_.at() + 1];
     sent_.held = a.held() > 0 || b.held() > 0, sent_.done = false;
     if (sent_.held) rest(second, a, b);
     else blend(first, second, a, b, h);
     tick_.count_ = b.count();
     for (std::size_t k = is_under_way(0) ? 1 : 0; k < stacks_.size(); ++k)
-      if (k != sent_.first && k != sent_.second) stacks_[k]->forget();
-    if (is_under_way(0) && under_way_->done()) under_way_ = nullptr, stacks_[0]->aside(), stacks_[0]->lasting(true);
+      if (k != sent_.first && k != sent_.second) stacks_[k]->inputs().forget();
+    if (is_under_way(0) && under_way_->done())
+      under_way_ = nullptr, stacks_[0]->aside(), stacks_[0]->inputs().lasting(true);
     std::copy(tick_.x_.begin(), tick_.x_.end(), x_.begin());
     if (sent_.done) end();  // from x_
     else if (ramp_.advance()) begun_ = false, first.line().ahead(nullptr);
@@ -174,7 +175,7 @@ class Transition {
     return tick_;
   }
   // Start from the command that all stacks have begun with.
-  void begin_sent() { x_ = last().sent(), good_ = true, held_ = 0; }
+  void begin_sent() { x_ = last().latest().x, good_ = true, held_ = 0; }
   // Let the last stack take over from the last command.
   void end() {
     for (Guarded* one : stacks_) one->line().ahead(nullptr);
@@ -189,12 +190,12 @@ class Transition {
 
   // Hold an element at the hold value of another stack, if that has one.
   static void keep_hold(const Guarded& from, Guarded& to, const std::string& name) {
-    const std::vector<double>* held = from.references().held(name);
+    const std::vector<double>* held = from.inputs().references().held(name);
     if (!held) return;
     for (const Member& member : to.line().members())
       if (member.name == name && member.slot >= 0 &&
           to.line().slots()[std::size_t(member.slot)].hold.size() == held->size())
-        to.references().keep_hold(std::size_t(member.slot), held->data());
+        to.inputs().references().keep_hold(std::size_t(member.slot), held->data());
   }
 
   const Tick& tick() const { return tick_; }
@@ -217,15 +218,15 @@ class Transition {
     return sent_.stack == 0 && under_way_ ? under_way_->latest() : *stacks_[sent_.stack];
   }
   void hold_here(std::size_t k, const std::vector<std::string>& names) {
-    if (!is_under_way(k)) return stack(k).hold_here(names);
+    if (!is_under_way(k)) return stack(k).inputs().hold_here(names);
     for (const std::size_t side : {0, 1}) under_way_->hold_here(side, names);
   }
 
-  const Tick& run(std::size_t k, const double* q, const double* v, const Guarded::Told& told) {
-    if (is_under_way(k)) return under_way_->step(q, v, told);
+  const Tick& run(std::size_t k, const double* q, const double* v, const StateFacts& facts) {
+    if (is_under_way(k)) return under_way_->step(q, v, facts);
     const std::size_t at = order_[ramp_.at() + k];
     hooks_.before(at);
-    const Tick& tick = stack(k).step(q, v, told);
+    const Tick& tick = stack(k).step(q, v, facts);
     hooks_.after(at);
     return tick;
   }
@@ -271,7 +272,7 @@ class Transition {
     const Way::Stop& to = stop(ramp_.at() + 1);
     for (const std::string& name : to.first_kept) keep_hold(*stacks_[0], second, name);
     for (const std::string& name : to.kept) keep_hold(first, second, name);
-    if (!ramp_.arriving() || leaving_) second.adopt(first), second.lasting(true);
+    if (!ramp_.arriving() || leaving_) second.inputs().adopt(first.inputs()), second.inputs().lasting(true);
     hooks_.begins(order_[ramp_.at()], order_[ramp_.at() + 1], ramp_.arriving());
   }
   // Note the contacts that have to bear nothing now, for they leave the dynamics, and still do.
@@ -300,14 +301,14 @@ class Transition {
     const double reach = ramp_.blend(a.x().data(), b.x().data(), x_.data(), h, easings_[ramp_.at()].get(), felt_,
                                      tick_.x_.data(), x_.size());
     tick_.note_count_ = 0;
-    for (const Note& note : a.notes()) add(note);
+    for (const Note& note : a.notes()) tick_.add(note);
     const bool waits = !sent_.waits.empty();  // the contact is still there: so are the dynamics of the first stack
     tick_.status_ = waits ? a.status() : std::max(a.status(), b.status());
-    for (const Note& note : sent_.waits) add(note);
+    for (const Note& note : sent_.waits) tick_.add(note);
     for (std::size_t k = 0, known = tick_.note_count_; !waits && k < b.notes().size(); ++k)
       if (std::none_of(tick_.notes_.begin(), tick_.notes_.begin() + std::ptrdiff_t(known),
                        [&](const Note& note) { return note.same(b.notes()[k]); }))
-        add(b.notes()[k]);
+        tick_.add(b.notes()[k]);
     Guarded& stands = waits ? first : second;
     const auto limit = [&](const RateLimiter* limiter) {
       if (limiter)
@@ -329,7 +330,7 @@ class Transition {
     const Status why = worst.status();
     tick_.note_count_ = 0, tick_.status_ = why;
     for (const Note& note : worst.notes())
-      if (std::strcmp(note.element, "session") != 0) add(note);
+      if (std::strcmp(note.element, "session") != 0) tick_.add(note);
     stand(b.held() > 0 ? 1 : 0, worst);
     ordinary_ = false;
     const bool fit = !has(worst, Status::kInvalidState) && !has(worst, Status::kDynamicsFailed);
@@ -351,18 +352,16 @@ class Transition {
     const View<Note> notes = tick.notes();
     return std::any_of(notes.begin(), notes.end(), [&](const Note& note) { return note.status == status; });
   }
-  void add(const Note& note) {
-    if (tick_.note_count_ < tick_.notes_.size()) tick_.notes_[tick_.note_count_++] = note;
-  }
   void count(double start) {
     std::int64_t rejected = 0;
     for (const Note& note : tick_.notes()) rejected += note.status == Status::kInvalidReference;
     const Status status = tick_.status_;
-    last().count({start, Guarded::now(), status == Status::kIterationLimit || status == Status::kTimeLimit, held_ > 0,
-                  has(tick_, Status::kInvalidState), rejected});
+    last().timing().count({start, Timing::now(), status == Status::kIterationLimit || status == Status::kTimeLimit,
+                           held_ > 0, has(tick_, Status::kInvalidState), rejected},
+                          last().line().dt());
   }
   void take_limited() {
-    for (const Note& note : sent_.limited) add(note), tick_.status_ = std::max(tick_.status_, note.status);
+    for (const Note& note : sent_.limited) tick_.add(note), tick_.status_ = std::max(tick_.status_, note.status);
   }
 
   std::vector<Guarded*> stacks_;
