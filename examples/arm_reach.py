@@ -10,7 +10,7 @@ robot = hqp.robots.load("ur5")
 where = Position(frame="tool0", name="position", law=P(5.0, max_velocity=0.5))
 turned = Orientation(frame="tool0", name="orientation", law=P(5.0, max_velocity=1.0))
 stack = Stack(Level(where), Level(turned), subject_to=[JointLimits()])
-session = hqp.Controller(stack).session(robot, dt=0.01)
+session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.01)
 
 q, v = robot.integrate(robot.home, np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2]), 1.0), np.zeros(robot.nv)
 start = robot.state(q).position("tool0")

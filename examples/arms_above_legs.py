@@ -8,7 +8,7 @@ from hqp.tasks import PrescribedMotion
 robot = hqp.robots.load("g1")
 LEGS = robot.joint_names[:12]
 given = PrescribedMotion(joints=LEGS).selection(robot)  # coordinates of base and legs
-arms = hqp.UpperBody(legs=LEGS, trunk="torso_link", output="velocities").session(robot, dt=0.01)
+arms = hqp.UpperBody(legs=LEGS, trunk="torso_link", output="velocities").session(robot, dt=0.01, max_age=0.05)
 
 q, v = robot.home.copy(), np.zeros(robot.nv)
 bend = np.zeros(robot.nv)  # amplitude of a squat [rad, m]: hips and ankles half of the knees, the pelvis moves down
@@ -23,10 +23,11 @@ for k in range(300):
     v[given] = bend[given] * np.pi / 3.0 * np.sin(2.0 * np.pi * k * 0.01 / 3.0)  # the other controller's
     state = robot.state(q, v)
     v[2] = -float(state.jacobian(sole)[2, 6:] @ v[6:])  # the soles stay on the ground
-    state = robot.state(q, v)
+    state = robot.state(q, v, time=0.01 * k)
     if k == 0:
         places = [hand.value(state) for hand in arms.hands]
-    tick = arms.step(state, *(hand.at(place) for hand, place in zip(arms.hands, places, strict=True)))
+    goals = [hand.at(place) for hand, place in zip(arms.hands, places, strict=True)]
+    tick = arms.step(state, *goals, now=0.01 * k)
     v[arms.columns] = tick.velocities
     q = robot.integrate(q, v, 0.01)
     if k % 50 == 0:

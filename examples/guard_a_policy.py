@@ -8,7 +8,7 @@ from hqp.tasks import CollisionAvoidance
 robot, dt = hqp.robots.load("g1"), 0.002
 hands = (("left_wrist_yaw_link", "right_wrist_yaw_link"),)
 guard = hqp.PolicyFilter(kp=60.0, kd=2.0, collision=CollisionAvoidance(pairs=hands))
-session, servos = guard.session(robot, dt), guard.servos(robot, dt)
+session, servos = guard.session(robot, dt, max_age=0.02), guard.servos(robot, dt)
 names, home = robot.joint_names, robot.state(robot.home).angles[robot.actuated]
 
 
@@ -26,8 +26,8 @@ def policy(t):
 
 q, v, own = robot.home.copy(), np.zeros(robot.nv), robot.actuated
 for k in range(1500):
-    asked = policy(k * dt)
-    tick = session.tick(q, v, asked)
+    now = k * dt
+    tick = session.step(robot.state(q, v, time=now), policy(now), now=now)
     if k % 250 == 0:
         least = min((n.distance for n in guard.collision.near(robot.state(q)) if n is not None), default=np.inf)
         limited = {name: round(change, 2) for name, change in tick.limited.items()}

@@ -26,7 +26,7 @@ reach_first = Stack(Level(hand), Level(stand), Level(keep), subject_to=[JointLim
 drive_first = Stack(Level(hand), Level(keep), Level(stand), subject_to=[JointLimits(joints=arm)])
 
 for title, stack in (("the arm moves before the base", reach_first), ("the base moves before the arm", drive_first)):
-    session = hqp.Controller(stack).session(robot, dt=0.005)
+    session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.005)
     q, v, error, driven = robot.home, np.zeros(robot.nv), 0.0, 0.0
     start = hand.value(robot.state(q))
     for k in range(1200):

@@ -18,7 +18,7 @@ balls = CollisionAvoidance(
     influence=0.15,
 )
 stack = Stack(Level(tool), Level(Posture(law=P(1.0))), subject_to=[JointLimits(), balls])
-session = hqp.Controller(stack).session(robot, dt=0.004)
+session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.004)
 q, v, least, away = robot.home, np.zeros(robot.nv), math.inf, 0.0
 place = robot.state(q).position("tool0")
 for k in range(4000):

@@ -32,7 +32,7 @@ felt = ExternalWrench(frame=frame)  # the measured force enters the dynamics
 hand = Impedance(frame=frame, stiffness=(K, K, 0.0), damping=(damping, damping, 400.0), mass=M, name="hand")
 upright = Orientation(frame=frame, law=PD(100.0), name="upright")
 stack = Stack(Level(hand, upright), Level(Posture()), subject_to=[JointLimits(), TorqueLimits(), felt])
-session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, dt)
+session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf, braking=hqp.Braking(resume="ask")).session(robot, dt)
 plant, loads = Plant(robot, watched=(frame,), edit=table, delay=dt, sensors=Sensors(force=Noise(0.3))), []
 for _ in range(1500):
     reading = plant.measure()
@@ -45,7 +45,7 @@ report("by torques", loads)
 giving = Admittance(frame=frame, stiffness=(K, K, 0.0), damping=(400.0, 400.0, 500.0), name="hand")
 turn = Orientation(frame=frame, law=P(5.0), name="upright")
 stack = Stack(Level(giving, turn), Level(Posture()), subject_to=[JointLimits()])
-session = hqp.Controller(stack, deadline=math.inf).session(robot, dt)
+session = hqp.Controller(stack, deadline=math.inf, braking=hqp.Braking(resume="ask")).session(robot, dt)
 servo = Servo(other=4000.0, damping_time=0.01)
 plant, loads = Plant(robot, watched=(frame,), edit=table, actuation="position", servo=servo), []
 q, v = plant.reset(robot.home.copy())

@@ -9,7 +9,8 @@ from hqp.tasks import FrameVelocityLimits, JointLimits, Position, Posture
 robot, frame, dt = hqp.robots.load("ur5"), "tool0", 0.002
 hand = Position(frame=frame, law=P(5.0), name="hand")
 slow = FrameVelocityLimits(frame=frame, linear=0.25, angular=0.5)
-session = hqp.Controller(Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), slow])).session(robot, dt)
+stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), slow])
+session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt)
 
 q, v, fastest = robot.home, np.zeros(robot.nv), 0.0
 start = robot.state(q).position(frame).copy()

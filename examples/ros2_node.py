@@ -22,7 +22,9 @@ class StackNode(Node):
     def __init__(self, stack_file: str, robot_name: str) -> None:
         super().__init__("hqp")
         self.robot = hqp.robots.load(robot_name)
-        self.session = hqp.Controller(serial.load(stack_file)).session(self.robot, dt=0.002, max_age=0.05)
+        braking = hqp.Braking(resume="auto" if self.robot.floating else "ask")  # a humanoid that waits falls
+        controller = hqp.Controller(serial.load(stack_file), braking=braking)
+        self.session = controller.session(self.robot, dt=0.002, max_age=0.05)
         self.q, self.seen = None, 0.0
         self.v = np.zeros(self.robot.nv)
         self.create_subscription(JointState, "joint_states", self.take, 10)

@@ -8,7 +8,8 @@ from hqp.tasks import JointLimits, Position
 
 robot = hqp.robots.load("panda")
 hand = Position(frame="panda_link8", law=P(5.0, max_velocity=0.3))
-session = hqp.Controller(Stack(Level(hand), subject_to=[JointLimits()])).session(robot, dt=0.002)
+stack = Stack(Level(hand), subject_to=[JointLimits()])
+session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.002)
 kp, kd = np.full(robot.actuated.size, 600.0), np.full(robot.actuated.size, 50.0)
 
 q_commanded, v_commanded = robot.home.copy(), np.zeros(robot.nv)

@@ -23,6 +23,6 @@ margin = 0.05
 """
 stack = serial.loads(TEXT)
 robot = hqp.robots.load("ur5")
-tick = hqp.Controller(stack).session(robot, dt=0.002).step(robot.state())
+tick = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.002).step(robot.state())
 print(stack, tick.status.name)
 assert serial.loads(serial.dumps(stack)) == stack

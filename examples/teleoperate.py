@@ -9,7 +9,7 @@ from hqp.tasks import JointLimits, Pose, Posture
 robot = hqp.robots.load("ur5")
 hand = Pose(frame="tool0", law=P(8.0), name="hand")
 stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
-session = hqp.Controller(stack).session(robot, dt=0.002)
+session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.002, max_age=0.02)
 follow = hqp.Follow(hand)
 
 q = robot.integrate(robot.home, np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2]), 1.0)
@@ -35,8 +35,8 @@ for k in range(2500):
             for _ in range(1 + (fate > 0.9)):
                 follow.receive(pose, sent=when, received=t)
         sent += 1
-    state = robot.state(q, v)
-    tick = session.step(state, follow.reference(state, now=t))
+    state = robot.state(q, v, time=t)
+    tick = session.step(state, follow.reference(state, now=t), now=t)
     off = np.linalg.norm(state.position("tool0") - operator(t)[:3, 3])
     for note in tick.notes:
         kind = "".join(c for c in note.detail if not c.isdigit())

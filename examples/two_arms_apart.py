@@ -17,7 +17,7 @@ hands = [Position(frame=f"{side}_gripper", law=P(2.0, max_velocity=0.3), name=si
 for avoid in (False, True):
     apart = CollisionAvoidance(clearance=0.03)
     stack = Stack(Level(*hands), Level(Posture(law=P(1.0))), subject_to=[JointLimits(), *([apart] if avoid else [])])
-    session = hqp.Controller(stack).session(robot, dt=0.005)
+    session = hqp.Controller(stack, braking=hqp.Braking(resume="ask")).session(robot, dt=0.005)
     q, v, least, who = robot.home, np.zeros(robot.nv), np.inf, ""
     state = robot.state(q)
     left, right = (state.position(hand.frame) for hand in hands)

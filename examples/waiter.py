@@ -21,7 +21,7 @@ stack = Stack(
     Level(Damping(kinetic_energy=True, law=PD(0.0, 4.0))),
     subject_to=[TorqueSpeedLimits(corner=0.5), JointLimits(), spill, load, push],
 )
-session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, dt)
+session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf, braking=hqp.Braking(resume="ask")).session(robot, dt)
 
 plant = robot.model.copy()  # the plant also carries the glasses
 data, where = plant.createData(), plant.frames[plant.getFrameId(frame)]

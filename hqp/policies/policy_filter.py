@@ -84,12 +84,14 @@ class PolicyFilter:
         kp, kd = (1.0, 0.0) if self.kp is None or self.kd is None else (self.kp, self.kd)
         return Servos.of("PolicyFilter", robot, robot.actuated, kp, kd, dt)
 
-    def session(self, robot: Robot, dt: float, *, deadline: float | None = None) -> PolicyFilterSession:
-        """Compile for a robot at a control period dt [s]; deadline: see ``Controller``.
+    def session(
+        self, robot: Robot, dt: float, *, deadline: float | None = None, max_age: float | None = None
+    ) -> PolicyFilterSession:
+        """Compile for a robot at a control period dt [s]; deadline, max_age: see ``Controller``.
 
         Raises DeclarationError, ModelError for invalid declarations, before the loop.
         """
-        session = self.controller(robot, deadline=deadline).session(robot, dt, stuck=False)
+        session = self.controller(robot, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
         return PolicyFilterSession(self, session, self.servos(robot, dt))
 
 
@@ -209,12 +211,12 @@ class PolicyFilterSession:
         """
         return self.step(self.robot.state(q, v), command)
 
-    def step(self, state: State, command: ArrayLike) -> FilteredTick:
-        """One tick of a state; see ``tick``."""
+    def step(self, state: State, command: ArrayLike, *, now: float | None = None) -> FilteredTick:
+        """One tick of a state, which carries its time if there is a ``max_age``; see ``tick``, ``Session.step``."""
         own = self.robot.actuated
         q, v = state.angles[own], state.v[own]
         taken, free = self._prediction.begin(command, q, v)
-        tick = self.session.step(state, self._policy.at(velocity=free))
+        tick = self.session.step(state, self._policy.at(velocity=free), now=now)
         x = tick.x[own]
         sent = self._prediction.end(taken, free, x, q, v, tick.status.solved)
         asked = np.array(command, dtype=np.float64)

@@ -146,9 +146,14 @@ class UpperBody:
         pairs = [pair for pair in pairs if far[pair] > APART or free(*pair)]
         return (CollisionAvoidance(pairs=tuple(pairs), **limits),) if pairs else ()  # type: ignore[arg-type]
 
-    def session(self, robot: Robot, dt: float, *, deadline: float | None = None) -> UpperBodySession:
-        """Compile for a robot at a control period dt [s]; raises DeclarationError, ModelError before the loop."""
-        session = self.controller(robot, deadline=deadline).session(robot, dt, stuck=False)
+    def session(
+        self, robot: Robot, dt: float, *, deadline: float | None = None, max_age: float | None = None
+    ) -> UpperBodySession:
+        """Compile for a robot at a control period dt [s]; max_age: see ``Controller.session``.
+
+        Raises DeclarationError, ModelError before the loop.
+        """
+        session = self.controller(robot, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
         return UpperBodySession(self, session)
 
 

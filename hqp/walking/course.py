@@ -104,8 +104,9 @@ class Course:
         q, v, loads = reading.q + self.offsets, reading.v, self._loads if self.observers else reading.contacts.load
         if self.estimator is not None:
             q, v = self.estimator.update(q, v, reading.accelerometer, loads)
-        self.state = self.walker.robot.state(q, v)
-        tick = self.walker.step(self.state, loads)
+        time = None if self.walker.max_age is None else self.plant.time
+        self.state = self.walker.robot.state(q, v, time=time)
+        tick = self.walker.step(self.state, loads, now=time)
         self._sent.append(tick.command.copy())
         acts = self._sent.popleft()
         if self.observers:

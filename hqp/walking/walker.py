@@ -14,6 +14,7 @@ from hqp.arrays import Vec
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
+from hqp.declare.safety import Braking
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import about_vertical, yaw_of
 from hqp.loop.controller import Controller
@@ -92,8 +93,10 @@ class Walker:
     inertia that its motors have in a Plant, without which light feet are controlled badly.  dt [s]: period of a tick.
     gait, reach, laws: parameters of the walk; a reach for None follows from how it stands.  soles: frames of the left
     and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of joints, of all
-    but those of the legs if it names none, None for none.  price, deadline: arguments of Controller.  Raises
-    DeclarationError for a robot that is no biped, and the errors of ``Controller.session``.
+    but those of the legs if it names none, None for none.  price, deadline: arguments of Controller.  max_age: that of
+    ``Controller.session``.  Without a usable answer it goes on with the next one, ``Braking(resume="auto")``: a biped
+    that waits for a person falls.  Raises DeclarationError for a robot that is no biped, and the errors of
+    ``Controller.session``.
     """
 
     def __init__(
@@ -109,6 +112,7 @@ class Walker:
         limits: JointLimits | None = LIMITS,
         price: Priced = None,
         deadline: float | None = None,
+        max_age: float | None = None,
     ) -> None:
         self.robot, self.gait, self.dt = robot, gait or Gait(), dt
         self._declared: dict[str, Any] = {"gait": gait, "dt": dt, "reach": reach, "laws": laws, "soles": soles}
@@ -140,10 +144,12 @@ class Walker:
         laws = laws or Laws()
         self.stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
         formulation = Torque(contact_law=laws.contact, holding=None)
-        controller = Controller(self.stacks.stack, formulation, price=price)
+        controller = Controller(self.stacks.stack, formulation, price=price, braking=Braking(resume="auto"))
         if deadline is not None:
             controller = replace(controller, deadline=deadline)
-        self.session = controller.session(robot, dt)
+        self.session = controller.session(robot, dt, max_age=max_age)
+        self.max_age = max_age
+        """Oldest state that is accepted [s], None for any."""
         self.session.ending = self._end
         self._upright = np.array(home.rotation(self.stacks.trunk.frame))
         self._upright = about_vertical(-yaw_of(self._upright)) @ self._upright
@@ -217,10 +223,11 @@ class Walker:
 
     # ----------------------------------------------------------------------------------------------- loop
 
-    def step(self, state: State, loads: Sequence[float] | Vec | None = None) -> Tick:
+    def step(self, state: State, loads: Sequence[float] | Vec | None = None, *, now: float | None = None) -> Tick:
         """One tick: the torques for a state.
 
         loads: normal force on the left and on the right foot [N]; without them a foot has landed when its time is up.
+        now: that of ``Session.step`` [s].
         Raises DeclarationError for another number of loads.
         """
         if not self._started:
@@ -234,7 +241,7 @@ class Walker:
             raise DeclarationError("walker", "loads", value=felt.tolist(), unit="N", allowed=allowed)
         self._advance(state, felt)
         references = self._references(state)
-        tick = self.session.step(state, *references, phase=self.support)
+        tick = self.session.step(state, *references, now=now, phase=self.support)
         if felt is not None:
             self._weigh(sum(felt.tolist()))
         self._bound(tick.command)

@@ -1,7 +1,8 @@
-"""The table of states of docs/operation.md: a robot goes through each row at each level."""
+"""A robot goes through each row of the table of states of docs/operation.md; arms of pages and examples ask first."""
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -103,3 +104,50 @@ def test_the_table_has_every_state() -> None:
     assert len(ROWS) > 12
     assert {row[0] for row in ROWS} == {"runs", "held", "stopped"}
     assert {row[2] for row in ROWS} == {"OPTIMAL", "INVALID_STATE", "NOT_FOLLOWING", "STOPPED"}
+
+
+def arm(call: ast.Call) -> bool:
+    """Return true for a call that loads a robot with a fixed base by its name."""
+    if ast.unparse(call.func) != "hqp.robots.load" or not isinstance(call.args[0], ast.Constant):
+        return False
+    given = [ast.literal_eval(k.value) for k in call.keywords if k.arg == "floating"]
+    return not (given[0] if given else call.args[0].value in FLOATING)
+
+
+def calls(text: str) -> list[ast.Call]:
+    """Calls in the order of their lines."""
+    found = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    return sorted(found, key=lambda call: (call.lineno, call.col_offset))
+
+
+def code(path: Path) -> str:
+    """The Python of an example, or of a page."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        return text
+    return "\n".join(re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
+
+
+ROOT = PAGE.parents[1]
+CATALOGUE = (ROOT / "hqp" / "robots" / "catalogue.toml").read_text(encoding="utf-8")
+FLOATING = {"cbi", "dreamer", *re.findall(r"^\[(\w+)\]\n(?:[^\[\n].*\n)*?floating = true", CATALOGUE, re.MULTILINE)}
+SOURCES = [*(ROOT / "examples").glob("*.py"), *(ROOT / "docs").glob("*.md"), ROOT / "README.md"]
+ARMS = [path for path in SOURCES if any(arm(call) for call in calls(code(path)))]
+
+
+def test_there_are_arms_on_pages_and_in_examples() -> None:
+    assert {"README.md", "tutorial-arm.md", "teleoperation.md", "operation.md", "arm_reach.py"} <= {
+        p.name for p in ARMS
+    }
+
+
+@pytest.mark.parametrize("path", ARMS, ids=lambda path: path.name)
+def test_arms_of_pages_and_examples_ask_before_they_return(path: Path) -> None:
+    loaded = False  # true if an arm was loaded last
+    for call in calls(code(path)):
+        if ast.unparse(call.func) == "hqp.robots.load":
+            loaded = arm(call)
+        if ast.unparse(call.func) == "hqp.Controller" and loaded:
+            braking = [ast.unparse(k.value) for k in call.keywords if k.arg == "braking"]
+            assert len(braking) == 1, ast.unparse(call)
+            assert re.search(r"Braking\(resume='ask'", braking[0]), ast.unparse(call)

@@ -330,3 +330,15 @@ def test_a_walker_is_as_heavy_as_gravity_makes_it() -> None:
     walked.run(1.5)
     assert walker.heavier == pytest.approx(1.0, abs=0.02)
     assert walked.off < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["g1", "talos"])
+def test_no_healthy_walk_is_stopped_by_the_age_of_its_states(name: str) -> None:
+    course = Walked(Course(Walker(hqp.robots.load(name, rotors=True), dt=DT, deadline=np.inf, max_age=0.01)))
+    course.run(1.0)
+    course.walker.go(forward=0.2)
+    course.run(2.0)
+    course.run(0.1, push=[0.0, 60.0, 0.0])
+    course.run(2.0)
+    assert set(course.statuses) == {"OPTIMAL"}
