@@ -23,9 +23,9 @@ def test_loads_without_force_sensors_are_those_that_feet_bear(feels: bool, monke
     given: list[Any] = []
     step = course.walker.step
 
-    def told_to(state: Any, loads: Any) -> Any:
+    def told_to(state: Any, loads: Any, **now: Any) -> Any:
         given.append(np.array(loads))
-        return step(state, loads)
+        return step(state, loads, **now)
 
     monkeypatch.setattr(course.walker, "step", told_to)
     assert len(course.observers) == (0 if feels else 2)
