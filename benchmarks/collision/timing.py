@@ -18,8 +18,6 @@ from tests.scenes.calm.scenes import DT
 
 PAIRS = (0, 50, 200, 10_000)
 """Requested numbers of pairs; the last requests all."""
-ADDED_US = {50: 8.0, 200: 15.0, 10_000: 25.0}
-"""Goals of the added time of a tick by number of pairs [us]."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Space:
             difference: Vec = value - other
             return all_wrapped(difference) if self.wraps else difference
         one, two = value.tolist(), other.tolist()
-        turn = _log(_between(one, two))
+        turn = logarithm(_between(one, two))
         if self.first == 0:
             return np.array(turn)
         return np.array([one[0][3] - two[0][3], one[1][3] - two[1][3], one[2][3] - two[2][3], *turn])
@@ -81,12 +81,8 @@ def _between(one: Rows, two: Rows) -> Rows:
     ]
 
 
-def logarithm(R: Mat) -> Vec:
-    """log R ``(3,)`` [rad], with an angle of at most pi."""
-    return np.array(_log(R.tolist()))
-
-
-def _log(rows: Rows) -> tuple[float, float, float]:
+def logarithm(rows: Rows) -> tuple[float, float, float]:
+    """log R [rad] of a rotation by its rows, with an angle of at most pi."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     x, y, z = h - f, c - g, d - b
     sine, cosine = 0.5 * math.sqrt(x * x + y * y + z * z), 0.5 * (a + e + i - 1.0)

@@ -182,7 +182,6 @@ def off(a: Mat, b: Mat) -> float:
 
 BIPEDS = ("talos", "g1", "cbi", "icub", "romeo")
 ARMS = {"ur5": "tool0", "panda": "panda_hand_tcp"}
-QUADRUPEDS = ("go2", "solo12", "anymal")
 
 
 def catalogue(rng: np.random.Generator, kind: str, names: tuple[str, ...] = (*BIPEDS, *ARMS), **more: object) -> Scene:

@@ -19,8 +19,6 @@ from tests.scenes import random_hierarchies
 
 Kind = Callable[[Generator], list[Hierarchy]]
 KINDS: dict[str, Kind] = {}
-DEGENERATE = {"vertex", "cone_apex", "integers", "duplicates", "conflicts", "near_parallel"}
-"""Degenerate kinds."""
 
 
 def kind(make: Kind) -> Kind:

@@ -46,7 +46,7 @@ def test_rotations_come_back_from_their_logarithm() -> None:
         w = rng.standard_normal(3)
         w *= rng.choice([1e-9, 1e-7, 1e-3, 1.0, np.pi - 1e-7, np.pi]) / np.linalg.norm(w)
         R = exponential(w)
-        assert np.abs(exponential(logarithm(R)) - R).max() < 1e-7
+        assert np.abs(exponential(np.array(logarithm(R.tolist()))) - R).max() < 1e-7
 
 
 @pytest.mark.parametrize(
