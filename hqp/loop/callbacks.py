@@ -26,7 +26,7 @@ REFUSED, BROKEN = STATUSES.index(Status.INVALID_REFERENCE), STATUSES.index(Statu
 OUT, HELD = "left out of this tick", "its hold value is used instead"
 
 Told = tuple[int, Vec, Vec, Signs, str, list[float] | None, int, int]
-"""Of a solution: status, x, slacks and marks of all rows, detail, points of stages, iterations, factorisations."""
+"""A solution: status, x, slacks and marks of all rows, detail, points of stages, iterations, factorisations."""
 
 
 class Callbacks:
@@ -106,14 +106,14 @@ class Callbacks:
         return False
 
     def supported(self, out: Sequence[str]) -> tuple[list[str], list[str], str] | None:
-        """Elements that may be out of these, contacts that have to stay, and why; None where all may be out."""
+        """Return elements that may leave, contacts that must stay, and the reason; None if all may leave."""
         return self._presence.supported(frozenset(out))
 
     def go_without(self, out: Sequence[str]) -> None:
         """Leave these elements out from now on; elements that come back take fresh hold values."""
         before, now = self._program.out, frozenset(out)
         self._program.go_without(now)
-        if not self.native_solver:  # which goes on where it ended when the set was last so
+        if not self.native_solver:  # a native solver resumes from its last end with that set
             turn(self._workspace, [element.name in now for element in self._compiled.stack])
         for name in before - now:
             self.holds.pop(name, None)
@@ -177,7 +177,7 @@ class Callbacks:
         return tuple(dict.fromkeys((*self._program.unusable(), *lacking)))
 
     def _repair(self, state: State, broken: Sequence[str], left_out: Sequence[str]) -> None:
-        """Refill without what cannot be used: hold values for members of ``subject_to``, free rows for all others."""
+        """Refill without unusable parts: hold values for members of ``subject_to``, free rows for all others."""
         given = {reference.name: reference for reference in self.references}
         wrong = [name for name in broken if name in given and not given[name].finite]
         out = [name for name in broken if name not in wrong or name not in self._hard]
@@ -199,7 +199,7 @@ class Callbacks:
             self._program.fill(state, current, others, gone)
 
     def _refuse(self, broken: Iterable[str], given: Mapping[str, Reference]) -> None:
-        """Raise for a reference of the wrong length, which only the element could tell."""
+        """Raise for a reference of the wrong length, which only its element can detect."""
         for name in broken:
             error, held = self._program.errors.get(name), self.holds.get(name)
             if name in given and isinstance(error, DeclarationError) and (held is None or held.value is None):
@@ -280,6 +280,6 @@ class Callbacks:
         if self._holding is not None:
             try:
                 holding, momentum = self._holding(state)
-            except Exception:  # whatever broke the tick, an element of the user's perhaps, may break this as well
+            except Exception:  # an element of the user that broke the tick may break this as well
                 holding = momentum = None
         return state.angles, state.v, holding, momentum

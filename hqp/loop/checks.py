@@ -1,4 +1,4 @@
-"""Checks of a stack on a robot before the loop: soundness, what holds the base, constraints that exclude each other."""
+"""Checks of a stack on a robot before the loop: soundness, support of the base, conflicting constraints."""
 
 from __future__ import annotations
 

@@ -133,10 +133,10 @@ def staged(record: bytearray) -> bool:
 
 @dataclass(slots=True, eq=False)
 class Compiled:
-    """A stack made ready for a robot: its program, a workspace, and the parts of a native session.
+    """A stack compiled for a robot: its program, a workspace, and the parts of a native session.
 
     limit: function that limits the solver's time, or None.  dropped: prices that the solver and limits that the robot
-    does not support, in words.  units: of limits of joints, by name.  holding: torque that holds the robot up, at
+    does not support, in words.  units: units of joint limits, by name.  holding: torque that holds the robot up, at
     torque level.  guards: limits of states and commands, see ``hqp.loop.document``.  call: the solver as native code
     runs it, None for one in Python.
     """
@@ -161,12 +161,12 @@ class Compiled:
 
     @property
     def native_solver(self) -> bool:
-        """Whether native code runs the solver."""
+        """True if native code runs the solver."""
         return self.call is not None
 
     @property
     def placed(self) -> bool:
-        """Whether native kinematics know all joints."""
+        """True if native kinematics know all joints."""
         return self.moving is not None
 
 
@@ -189,14 +189,14 @@ class Compiler:
     """Compiles stacks for one controller on one robot, and keeps the latest of them."""
 
     def __init__(self, controller: Declared, robot: Robot, dt: float, guards: Mapping[str, Any]) -> None:
-        """guards: without what a program decides, see ``hqp.loop.document.guards``."""
+        """guards: independent of a stack, see ``hqp.loop.document.guards``."""
         self._controller, self._robot, self._dt, self._guards = controller, robot, dt, guards
         self._deadline: float = guards["deadline"]
         self._seen: dict[Stack, Compiled] = {}
         self._ways: dict[tuple[Stack, Stack], list[Waypoint]] = {}
 
     def way(self, before: Compiled, after: Stack) -> list[Waypoint]:
-        """The stacks on the way of a transition, from the cache where it was gone before."""
+        """The stacks on the way of a transition, from the cache if known."""
         law = self._controller.formulation.contact_law if before.program.kind == "torque" else None
         return self._way(before.stack, after, law)
 

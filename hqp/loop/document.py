@@ -1,4 +1,4 @@
-"""What a session from a file is made of: robot, guards, elements, rows and solver, as one tree."""
+"""The parts of a session: robot, guards, elements, rows and solver, as one tree."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 
 SENTENCES = [status.value for status in Status]
-"""Of each status, for solvers in Python."""
+"""Text of each status, for solvers in Python."""
 
 
 def guards(
     robot: Robot, bounds: StateBounds, braking: Braking, dt: float, deadline: float, max_age: float | None
 ) -> dict[str, Any]:
-    """What comes in and goes out of every stack of a session."""
+    """Limits on states and commands, shared by all stacks of a session."""
     return {
         "dt": dt,
         "deadline": deadline,
@@ -54,7 +54,7 @@ def guards(
 
 
 def live_tree(compiled: Compiled, home: State) -> dict[str, Any]:
-    """The tree of a session over the arrays of a program, with the parts that it shares with it.  home: of a twin."""
+    """The tree of a session over the arrays of a program, which it shares.  home: state of a twin."""
     program = compiled.program
     return {
         **_tree(compiled, home, program.parts()),
@@ -166,7 +166,7 @@ def _tree(compiled: Compiled, home: State, motion: dict[str, Any]) -> dict[str, 
 
 
 def _phases(compiled: Compiled, laws: Mapping[str, Mapping[str, Law]]) -> dict[str, Any]:
-    """Who is out in which phase, and the laws there."""
+    """Absent elements and laws of each phase."""
     found = compiled.presence.parts
     usual, known = found["phases"][0]["out"], [phase["name"] for phase in found["phases"]]
     found["phases"] += [{"name": name, "out": usual} for name in laws if name not in known]
@@ -193,15 +193,15 @@ def _robot(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _owner(robot: Robot, what: int, place: int) -> str:
-    """The joint that a number of q (what: 0) or of v (1) belongs to."""
-    first = [((joint[1], joint[2])[what], joint[2]) for joint in robot.tree_joints or ()]
+def _owner(robot: Robot, kind: int, place: int) -> str:
+    """Name of the joint of a number of q (kind 0) or of v (kind 1)."""
+    first = [((joint[1], joint[2])[kind], joint[2]) for joint in robot.tree_joints or ()]
     column = max((pair for pair in first if pair[0] <= place), default=(0, 0))[1]
     return robot.joint_name(column).removesuffix("[0]")
 
 
 def _require_native(compiled: Compiled, robot: Robot) -> None:
-    """Raise DeclarationError for what a file cannot hold."""
+    """Raise DeclarationError for parts without native code."""
     if (found := compiled.program.in_python()) is not None:
         raise _refused(*found)
     if robot.tree_joints is None:
@@ -215,7 +215,7 @@ def _refused(name: str, why: str) -> DeclarationError:
 
 
 def _element(element: Element, compiled: Compiled, home: State) -> dict[str, Any]:
-    """Where the rows of an element are, and what to do where they are not usable."""
+    """Places of an element's rows, and their treatment if unusable."""
     program, name, robot = compiled.program, element.name, compiled.robot
     held = None
     if name in program.live_targets and (value := element.hold(home).value) is not None:
@@ -242,7 +242,7 @@ def _element(element: Element, compiled: Compiled, home: State) -> dict[str, Any
 
 
 def assumed(element: Element) -> bool:
-    """Whether every tick takes for granted that something bears the element."""
+    """True if every tick assumes the contact."""
     return isinstance(element, Constraint) and element.equality and element.quantity == "motion"
 
 

@@ -1,4 +1,4 @@
-"""The file of a plan: a line that says what it is, and JSON; live arrays are places in numbered buffers.
+"""The file of a plan: a header line, then JSON; live arrays are places in numbered buffers.
 
 docs/plan_file.md has the format.
 """
@@ -160,7 +160,7 @@ def _number(x: float) -> float | str:
 
 
 FORMAT = 1
-"""Changes with what a file means."""
+"""Number of the format; it changes with the meaning of a file."""
 
 
 def text(
@@ -169,7 +169,7 @@ def text(
     key: bytes | None = None,
     stacks: Mapping[str, Stack] | None = None,
 ) -> bytes:
-    """The whole file of a session: the same bytes for the same declarations; signed with a key."""
+    """The file of a session; equal declarations give equal bytes.  key: signs it, None for no signature."""
     secret = key_bytes(key)
     tree, scratch = document(session, sequence, stacks)
     found, buffers = plain(tree, scratch)
@@ -202,7 +202,7 @@ def write(
 
 
 def fnv1a(data: bytes) -> int:
-    """The FNV-1a hash of 64 bits: tells a file that was changed or damaged, not one that was forged."""
+    """The FNV-1a hash of 64 bits; it detects damage, not forgery."""
     found = 0xCBF29CE484222325
     for byte in data:
         found = (found ^ byte) * 0x100000001B3 & 0xFFFFFFFFFFFFFFFF
@@ -210,6 +210,6 @@ def fnv1a(data: bytes) -> int:
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The tree of a file, to look at."""
+    """The tree of a file."""
     content: dict[str, Any] = json.loads(Path(path).read_bytes().split(b"\n", 1)[1])
     return content

@@ -52,9 +52,9 @@ LOG.addHandler(logging.NullHandler())
 class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
-    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``), be no
-    older, and at most 1 ms ahead of it.  stuck: whether tasks that are stuck are looked for, see ``Tick.way_out``.
-    One thread at a time may step, change the stack or ask about a tick: another one is refused.
+    max_age [s]: refuse states without a ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``), older
+    ones, and those more than 1 ms ahead.  stuck: search for stuck tasks, see ``Tick.way_out``.  One thread at a time
+    may step, change the stack or explain a tick: a second one gets an error.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Session:
 
     @property
     def stack(self) -> Stack:
-        """The stack, completed with what the controller adds."""
+        """The stack, with the elements that the controller adds."""
         return self.line.stack
 
     @property
@@ -121,7 +121,7 @@ class Session:
 
     @property
     def dropped(self) -> str:
-        """What of prices the solver and of limits the robot cannot do, in words."""
+        """Prices that the solver and limits that the robot does not support, in words."""
         return self.line.compiled.dropped
 
     @property
@@ -150,14 +150,14 @@ class Session:
 
     @property
     def hold_values(self) -> dict[str, Vec | Mat]:
-        """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        """Copies of the hold values of elements without a reference, by name; empty before the first step."""
         return self.line.hold_values
 
     def step(self, state: State, *references: Reference, now: float | None = None, phase: str | None = None) -> Tick:
-        """One tick: the command for a state, with references good for this tick only.
+        """Compute the command for a state, with references for this tick only.
 
-        Data never raises: what is wrong with it is told by status and notes.  now [s]: the time of this tick, that of
-        ``time.monotonic`` for None.  phase: of this tick, by which levels and elements with a ``when`` are in or out.
+        Data never raises: status and notes report its faults.  now [s]: the time of this tick, that of
+        ``time.monotonic`` for None.  phase: name of the tick's phase; it selects levels and elements with a ``when``.
         Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of another robot) or DeclarationError
         (a reference of another shape, a phase that is not there), which are errors of the program.
         """
@@ -168,10 +168,10 @@ class Session:
         of commands had the robot.
 
         command ``(n_actuated,)`` [rad/s, rad/s^2, N m], in robot.joint_names order: rate limits, braking, and at
-        velocity level the window of ``JointLimits(acceleration=)`` start from it.  state: of the robot, from which it
-        brakes if the first state of the loop is not valid.  Without ``begin`` rates start from zero, at torque level
-        from the torque that holds the robot, and a note of the first tick says so.  Raises DeclarationError for a
-        command or a state that is not valid, ModelError for a state of another robot.
+        velocity level the window of ``JointLimits(acceleration=)`` start from it.  state: the robot's present one, from
+        which it brakes if the first state of the loop is not valid.  Without ``begin`` rates start from zero, at torque
+        level from the torque that holds the robot, with a note in the first tick.  Raises DeclarationError for an
+        invalid command or state, ModelError for a state of another robot.
         """
         sent = numbers("begin", "command", command, (len(self.robot.joint_names),))
         if state is not None:
@@ -189,9 +189,9 @@ class Session:
     def stop(self, reason: str = "stop", *, at_once: bool = False) -> None:
         """Bring the robot to rest by ``controller.braking`` from the next step on, and hold it until ``resume``.
 
-        Ticks have the status STOPPED and a note with the reason.  References of the time are not used; a change of
-        stack waits.  Where ``ending`` has a motion to end first, as a Walker has, ``stopping`` is the reason until
-        then; at_once: do not wait for it.  Any thread may call it.
+        Ticks have the status STOPPED and a note with the reason; their references are not used, and a change of stack
+        waits.  If ``ending`` must end a motion first (a Walker's walk), the stop begins at its end, and ``stopping`` is
+        the reason until then; at_once: do not wait.  Any thread may call it.
         """
         self.stopping, waits = str(reason), False
         try:
@@ -212,16 +212,16 @@ class Session:
         return self.line.native.stopped
 
     def _look(self, given: Any) -> None:
-        """Warn of a first state that cannot be meant; the tick takes it as it is."""
+        """Warn of an implausible first state; the tick uses it unchanged."""
         self._seen = True
         for doubt in doubts(self.robot, getattr(given, "q", given)):
             warnings.warn(f"the first state of {self.robot.name}: {doubt}", ModelWarning, stacklevel=4)
 
     def tick(self, q: Vec, v: Vec | None = None, targets: Mapping[str, ArrayLike] | None = None) -> Tick:
-        """One tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
+        """Run a tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
 
-        q ``(nq,)``, v ``(nv,)``, zero for None: the state.  targets: by the element's name, what its ``at`` takes.
-        States of the robot that were made before become stale.  Raises what ``step``, ``Robot.state`` and ``at`` raise.
+        q ``(nq,)``, v ``(nv,)``, zero for None: the state.  targets: arguments of ``at`` by the element's name.
+        States of the robot that were made before become stale.  Raises the errors of ``step``, ``Robot.state``, ``at``.
         """
         return self._stepped(None, (), None, None, (q, v, {} if targets is None else targets))
 
@@ -280,17 +280,17 @@ class Session:
         return name in self.line
 
     def too_large(self, state: State) -> str:
-        """Which number of a valid state is beyond ``controller.bounds``, in words; "" for none."""
+        """Describe the number of a valid state beyond ``controller.bounds``; "" if there is none."""
         return self.line.native.too_large(state.q, state.v, state.angles)
 
     def record(
         self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
     ) -> Recorder:
-        """Keep the last ticks from now on, and write them to a file in the folder ``to`` when something happens.
+        """Keep the last ticks from now on, and write them to a file in the folder ``to`` at each event.
 
-        on: "not optimal", "not solved", "held", "noted", "never" (``Recorder.dump`` writes all the same), or a function
-        of the tick.  The file is written by a thread, needs no robot to be read, and `hqp replay` solves it again.
-        Raises DeclarationError for a number of ticks that is none, or an unknown name.
+        on: the event: "not optimal", "not solved", "held", "noted", "never" (``Recorder.dump`` still writes), or a
+        function of the tick.  A thread writes the file; reading it needs no robot, and `hqp replay` solves it again.
+        Raises DeclarationError for an invalid number of ticks or an unknown name.
         """
         from hqp.recorder import Recorder
 
@@ -298,7 +298,7 @@ class Session:
         return self._recorder
 
     def _log(self, tick: Tick) -> None:
-        """A change of status."""
+        """Log a change of status."""
         self._status = status = tick.status
         with np.errstate(all="ignore"):
             text = "; ".join(f"{note.element}: {note.detail}" for note in tick.notes)
@@ -307,14 +307,13 @@ class Session:
     def change(self, stack: Stack, over: float = 0.0) -> None:
         """Switch to another stack, at once or within ``over`` seconds at least (hqp/cpp/session/transition.hpp).
 
-        Hold values survive where class, frame, axes, observer and shape agree; all other elements take fresh ones in
-        the next step, those that return as well.  A stack that was seen before is not compiled again.  In a
-        transition references for either stack are taken, ``tick.transition`` tells how far it has come; another
-        change may come before it ends.  Where x is a torque, a contact that is to be released and cannot be unloaded
-        without cost to a task keeps the transition waiting, and a note names it; where the loads of contacts that come
-        and go are measured (``Reference.loaded``) they are taken up and let go as they are.  Raises what
-        ``Controller.session`` raises, DeclarationError for ``over`` or where no contact would be left on the way, and
-        then leaves the session as it was.
+        Elements keep their hold values if class, frame, axes, observer and shape agree; all others, also returning
+        ones, take new values in the next step.  A known stack is not compiled again.  During a transition the session
+        accepts references for both stacks, ``tick.transition`` is its progress, and another change may begin.  At
+        torque level the transition waits for a contact that cannot be unloaded without cost to a task, and a note
+        names it; contacts with measured loads (``Reference.loaded``) switch without that.  Raises the errors of
+        ``Controller.session``, and DeclarationError for ``over`` or if a stack on the way has no contact; the session
+        is then unchanged.
         """
         alone(self._turn, self, lambda: self._changed(stack, over))
 
@@ -329,9 +328,9 @@ class Session:
         self._watch = self._watching()
 
     def prepare(self, stack: Stack) -> None:
-        """Compile a stack, and what a transition to it passes through, so that ``change`` finds it done.
+        """Compile a stack and the stacks on the way to it, before ``change`` needs them.
 
-        The session keeps the last few stacks that it has seen.  Raises the errors of ``change``.
+        The session keeps the latest few stacks.  Raises the errors of ``change``.
         """
         alone(self._turn, self, lambda: self._prepared(stack))
 
@@ -345,7 +344,7 @@ class Session:
         return self.line.presence
 
     def obey(self, laws: Mapping[str, Law]) -> None:
-        """Take these laws of elements by name from the next tick on, and the declared ones of all others."""
+        """Use these laws by element name from the next tick on, and the declared ones for all others."""
         self.line.guards.laws = laws
 
     @property
@@ -379,7 +378,7 @@ class Session:
         write(self, path, sequence, key, stacks)
 
     def explain(self, tick: Tick) -> Explanation:
-        """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
+        """Explain the residuals of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
         return self.line.explain(tick)
 
     def account(self, tick: Tick) -> TickAccount:

@@ -53,11 +53,11 @@ NOTHING = "", 0.0, ""
 
 
 class StuckWatch:
-    """Looks twenty times a second whether a task with a reference is off and stays there with the robot at rest.
+    """Note tasks with a reference that stay unmet with the robot at rest; checked twenty times a second.
 
-    After half a second of that a thread looks for a posture that meets the task's level, and leaves those above as they
-    are; while there is one and nothing moves, every tick has a note.  A task without such a posture that comes less
-    than 5 % nearer in a second has a note with the rows that hold it.  on: False looks for nothing.
+    After half a second a thread searches for a posture that meets the task's level without loss above it; with one,
+    every tick has a note while the robot rests.  A task without such a posture that comes less than 5 % nearer in a
+    second has a note with the rows that hold it.  sessions: make the sessions of the search.  on: False disables it.
     """
 
     def __init__(self, stack: Stack, dt: float, sessions: Sessions, on: bool) -> None:
@@ -169,7 +169,7 @@ AT_BOUND = 1e-4
 
 
 def parts(task: Task, error: Vec) -> tuple[Vec, Vec]:
-    """The rows of an error that are lengths, and those that are angles."""
+    """Split an error into its lengths and its angles."""
     if task.units == ("rad",):
         return error[:0], error
     first = task.rotation_rows
@@ -177,7 +177,7 @@ def parts(task: Task, error: Vec) -> tuple[Vec, Vec]:
 
 
 def at_limits(robot: Robot, state: State) -> tuple[str, ...]:
-    """Joints that are at a position limit, in words."""
+    """Describe the joints at a position limit."""
     angles = state.angles
     room = np.minimum(angles - robot.lower, robot.upper - angles)
     nearest = [int(i) for i in np.argsort(room, kind="stable") if room[i] < NEAR]

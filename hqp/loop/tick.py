@@ -1,4 +1,4 @@
-"""What one step of a session gave: a command, a status, and notes that name the culprits."""
+"""Result of one step of a session: a command, a status, and notes that name the culprits."""
 
 from __future__ import annotations
 

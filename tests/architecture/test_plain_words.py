@@ -28,11 +28,7 @@ GOAL = 30, 20, 15, 10
 SPARE = 5
 """Sentences above the ceiling that a room may have: rooms are small."""
 
-CEILINGS = {
-    "hqp/cpp/priced": (70, 25, 25, 10),
-    "hqp/cpp/session": (65, 55, 45, 20),
-    "hqp/loop": (50, 50, 15, 15),
-}  # fmt: skip
+CEILINGS = {"hqp/cpp/priced": (70, 25, 25, 10)}
 """Rooms above the goal: figures to lower as the room is rewritten."""
 
 

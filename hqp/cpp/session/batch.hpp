@@ -1,4 +1,4 @@
-// Many worlds of one plan over a few sessions, one a thread: a world is what goes over from one tick to the next.
+// Many worlds of one plan over a few sessions, one per thread: a world is the state between two ticks.
 #pragma once
 
 #include <atomic>
@@ -15,7 +15,7 @@ namespace hqp {
 // Targets of one element in all worlds: (count, size), one behind the other.
 struct BatchTarget {
   std::size_t element;
-  int what;  // as Reference tells
+  int what;  // field of Reference
   const double* values;
   std::size_t size;
 };
@@ -34,7 +34,7 @@ class Batch {
   Batch(const Batch&) = delete;
 
   // q (count, nq), v (count, nv); written: commands (count, motors), status (count), residuals (count, levels), and x
-  // (count, n) where it is not null.
+  // (count, n) unless it is null.
   void step(const double* q, const double* v, const std::vector<BatchTarget>& targets, double* commands,
             std::int32_t* status, double* residuals, double* x) {
     std::atomic<std::size_t> next{0};
@@ -48,7 +48,7 @@ class Batch {
       try {
         others.emplace_back(work, std::ref(*sessions_[k]));
       } catch (const std::system_error&) {
-        break;  // fewer threads than asked for
+        break;  // run with fewer threads
       }
     }
     work(*sessions_[0]);
@@ -74,7 +74,7 @@ class Batch {
   std::size_t count() const { return worlds_.size(); }
   std::size_t threads() const { return sessions_.size(); }
   Stacks& session() { return *sessions_[0]; }
-  std::size_t bytes() const {  // of all worlds
+  std::size_t bytes() const {  // memory of all worlds
     std::size_t sum = 0;
     for (const auto& world : worlds_) sum += world.bytes();
     return sum;

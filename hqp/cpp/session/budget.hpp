@@ -1,4 +1,4 @@
-// The time of a tick: what a solver is given, so that what comes after it is done by the deadline.
+// Time for the solver of a tick: the deadline less a margin for the rest of the tick.
 #pragma once
 
 #include <algorithm>
@@ -8,16 +8,16 @@
 
 namespace hqp {
 
-// Keeps back from the solver what its last turn, the command and the notes have taken in ticks before.
+// Margin before the deadline for the solver's last iteration, the command and the notes.
 //
-// The margin follows the quantile 1 - LATE of how late those ticks end, by stochastic approximation: m + s (1 - LATE)
-// after a late tick, m - s LATE after another one. CPU time counts, for other work on the machine tells nothing.
+// It follows the quantile 1 - LATE of the lateness of cut ticks, by stochastic approximation: m + s (1 - LATE) after a
+// late tick, m - s LATE after another one. Only CPU time counts: other work on the machine is no fault of the margin.
 class Budget {
  public:
   static constexpr double kLate = 1e-3;    // share of the ticks at the deadline that may end after it
-  static constexpr double kStep = 40e-6;   // by how much the margin grows after a late tick [s]
-  static constexpr double kFirst = 0.25;   // share of the deadline that is kept back before anything is known
-  static constexpr double kLongest = 0.5;  // largest share that is kept back
+  static constexpr double kStep = 40e-6;   // growth of the margin after a late tick [s]
+  static constexpr double kFirst = 0.25;   // first margin, as a share of the deadline
+  static constexpr double kLongest = 0.5;  // largest margin, as a share of the deadline
 
   explicit Budget(double deadline) : deadline_(deadline), margin_(kFirst * deadline) {}
 

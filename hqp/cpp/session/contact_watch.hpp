@@ -1,4 +1,4 @@
-// Contacts that a stack assumes and that are not there: measured loads against what every tick takes for granted.
+// Lost contacts: assumed by every tick, but with too small a measured load.
 #pragma once
 
 #include <algorithm>
@@ -39,7 +39,7 @@ class ContactWatch {
     out_[k] = out;
     if (out) ticks_[k] = 0;
   }
-  // Whether there is one that carried nothing when last measured.
+  // True if a contact carried nothing at its last measurement.
   bool missing() const {
     return std::any_of(ticks_.begin(), ticks_.end(), [](std::int64_t ticks) { return ticks > 0; });
   }

@@ -1,4 +1,4 @@
-// What is refused outside the loop: files that are no plans, and names and sizes that do not fit one.
+// Errors outside the loop: invalid plan files, and names and sizes that do not fit a plan.
 #pragma once
 
 #include <stdexcept>

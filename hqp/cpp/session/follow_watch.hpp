@@ -21,7 +21,7 @@ namespace hqp {
 //                      m' = (a_sent - dv/dt - m) / kMean,      m clipped to -2 a ... 2 a
 //
 // u: velocity that was sent; q, v: measured; a_sent: acceleration that was sent, or that the sent torque causes by the
-// model. delay: of the oldest state that is accepted, of a drive, and three periods from a command to its motion; the
+// model. delay: largest age of a state plus that of a drive plus three periods from a command to its motion; the
 // bound on g is the way of a joint at its speed limit within it. a is the acceleration from rest to the speed limit
 // within kSpan. Anything may touch a robot at torque level, and no torque distinguishes a load from a brake: more than
 // that is noted, and the command comes to rest from the acceleration by the motor's whole torque limit on, which no

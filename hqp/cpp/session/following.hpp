@@ -20,8 +20,8 @@ class Following {
   void begin(double now) {
     if (watch_) watch_->pass(now);
   }
-  // Return false, and the reason, if the measured joints do not follow.  angles: of the state, if the line has no
-  // kinematics.  aside: the command is a blend with that of another session, unknown here.
+  // Return false, and the reason, if the measured joints do not follow.  angles: joints of the state, if the line has
+  // no kinematics.  aside: the command is a blend with that of another session, unknown here.
   template <class Report>
   bool check(const Latest& latest, const double* angles, bool aside, Note& why, const Report& report) {
     if (!watch_) return true;

@@ -1,4 +1,4 @@
-// Limits of states and commands: states of ordinary size, commands that change no faster than they may.
+// Limits of states and commands: size and age of states, rates of commands, limits of motors.
 #pragma once
 
 #include <cmath>
@@ -32,8 +32,8 @@ class StateBounds {
   }
 
   std::size_t size() const { return low_.size(); }
-  std::size_t places() const { return floating_ ? 3 : 0; }  // of q that are looked at
-  // False, and why, where a number is too large.
+  std::size_t places() const { return floating_ ? 3 : 0; }  // count of checked numbers of q
+  // Return false, and the reason, if a number is too large.
   bool hold(const double* angles, const double* q, const double* v, Note& why) const {
     std::size_t worst = 0;
     double most = 0.0;
@@ -69,14 +69,14 @@ class StateBounds {
   std::string base_ = "base";
 };
 
-// How old a state may be, by its time and the session's on one clock [s].
+// Limit on the age of a state; its time and the session's are of one clock [s].
 class StateAge {
  public:
-  // By how much a state may lie ahead of the session: two clocks kept together agree no better.
+  // Largest lead of a state over the session: the error of two synchronised clocks.
   static constexpr double kAhead = 1e-3;
 
   explicit StateAge(double most) : most_(most) {}
-  // False, and why, where it is too old.  time: null where it does not tell.
+  // Return false, and the reason, if it is too old.  time: null if the state has none.
   bool hold(const double* time, double now, Note& why) const {
     const auto refuse = [&](Cause cause, double amount, double allowed) {
       return StateBounds::refuse(why, cause, none_, amount, allowed);
@@ -95,8 +95,8 @@ class StateAge {
 // Checks that q and v are a state of ordinary size.
 class StateCheck {
  public:
-  // places, speeds: the joint of each number of q and of v.  ordinary: squares that sum up to less need no second look.
-  // age: null for any.
+  // places, speeds: the joint of each number of q and of v.  ordinary: sum of squares below which every number is
+  // within its bounds.  age: null for any.
   StateCheck(StateBounds bounds, std::vector<std::string> places, std::vector<std::string> speeds, double ordinary,
              std::unique_ptr<StateAge> age, const Kinematics* kinematics)
       : bounds_(std::move(bounds)),
@@ -112,8 +112,8 @@ class StateCheck {
                       " and nv = " + std::to_string(bounds_.size()) + " numbers");
   }
 
-  // q is normalised in place; false, and why, where the state is not usable.
-  // angles: of q, where no kinematics tell them.
+  // Normalise q in place; return false, and the reason, if the state is not usable.
+  // angles: joints of q, if there are no kinematics.
   bool check(double* q, const double* v, const double* time, double now, const double* angles, Note& why) {
     double square = 0.0;
     if (!unit(q, v, square, why)) return false;
@@ -138,7 +138,7 @@ class StateCheck {
   static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py
   static constexpr double kUnit = 1e-3;
 
-  // Normalise q, and return true if q and v are finite with quaternions near length one; square: of all numbers.
+  // Normalise q, and return true if q and v are finite with quaternions near length one; square: sum over all numbers.
   bool unit(double* q, const double* v, double& square, Note& why) const {
     const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
     square = squared(q, nq) + squared(v, nv);
@@ -165,14 +165,14 @@ class StateCheck {
   std::vector<std::string> places_, speeds_;
   double ordinary_;
   std::unique_ptr<StateAge> age_;
-  const Kinematics* kinematics_;  // null where q is normalised and its angles are given
+  const Kinematics* kinematics_;  // null if q is normalised and its angles are given
   std::vector<double> angles_;
 };
 
-// Holds the change of a command within a limit: (motors,) numbers, one over the largest change in a tick.
+// Limits the change of a command: inverse of the largest change in a tick (motors,).
 class RateLimiter {
  public:
-  // joints: of the motors.  name: of the limit.
+  // joints, name: names of the motors and of the limit.
   RateLimiter(std::vector<std::string> joints, std::vector<double> inverse, double dt, std::string name)
       : names_(std::move(joints)), inverse_(std::move(inverse)), dt_(dt), name_(std::move(name)), all_(name_ + "s") {
     if (names_.size() != inverse_.size())
@@ -180,7 +180,7 @@ class RateLimiter {
                       std::to_string(names_.size()) + " motors");
   }
 
-  // How far towards x one tick may go, 0 to 1, and why not all the way.  motors: their places in x.
+  // Share of the way to x that one tick may go, 0 to 1; why: the reason for less than 1.  motors: their places in x.
   double share(const double* last, const double* x, const std::vector<int>& motors, Note& why) const {
     const auto change = [&](std::size_t i) { return x[motors[i]] - last[motors[i]]; };
     double most = 1.0;
@@ -205,19 +205,19 @@ class RateLimiter {
   std::vector<std::string> names_;
   std::vector<double> inverse_;
   double dt_;
-  std::string name_, all_;  // in a note on what is off by it, and of one on itself
+  std::string name_, all_;  // in notes on rows that it violates, and on itself
 };
 
-// Keeps a command within limits of the motors, whatever the solver's rows are: (motors,) numbers, the inverse of the
-// largest speed or torque, 0 for no limit. A motor that is faster already may stay as fast, and no faster.
+// Keeps a command within limits of the motors, independent of the solver's rows: inverse of the largest speed or
+// torque (motors,), 0 for no limit. A motor that is faster already may keep its speed.
 //
 // Velocity and torque level: x+ = share x. Acceleration level, where the limits hold for v + dt x: the point on the way
 // from braking, b = -v min(1 / dt, a / max_i |v_i|), to x.
 class MotorLimits {
  public:
-  static constexpr double kRounding = 1e-6;  // of a limit: rows of a solver may be off by as much
+  static constexpr double kRounding = 1e-6;  // share of a limit: error of the solver's rows
 
-  // units: of speeds or torques.  braking: a, at acceleration level; 0 at the others.
+  // units: speed or torque units.  braking: a, at acceleration level; 0 at the others.
   MotorLimits(std::vector<std::string> joints, std::vector<double> inverse, std::vector<std::string> units, double dt,
               double braking)
       : names_(std::move(joints)), units_(std::move(units)), inverse_(std::move(inverse)), dt_(dt), braking_(braking) {

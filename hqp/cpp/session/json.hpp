@@ -1,4 +1,4 @@
-// The part of JSON that a plan's file has: what json.dumps of Python writes, without escapes beyond ASCII.
+// Reader for the JSON of plan files: output of Python's json.dumps, without escapes beyond ASCII.
 #pragma once
 
 #include <charconv>
@@ -23,7 +23,7 @@ struct Json {
   std::vector<Json> items;
   std::vector<std::pair<std::string, Json>> fields;
 
-  // The field of that name; refuses where there is none.
+  // The field of that name; throws PlanError if there is none.
   const Json& operator[](std::string_view name) const {
     if (const Json* found = find(name)) return *found;
     throw PlanError("the plan has no field '" + std::string(name) + "': export it anew");

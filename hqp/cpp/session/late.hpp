@@ -1,9 +1,9 @@
 // A late tick: continue the motion of the answers before, or take the cut answer if it is better.
 //
-// A point is better than another one where, in the first level whose ||w_k|| differ by more than what the level gives
-// to those below, ||w_k|| is smaller and so is what the level minimises, ||w_k|| + c_k E(x) with its price c_k on
-// motion: an answer that was cut before its prices were looked at often leaves less unmet, at a motion that no later
-// tick wants.
+// Levels are compared from the top; the first one whose ||w_k|| differs by more than its tolerance for levels below
+// decides. There the better point has the smaller ||w_k|| and the smaller objective ||w_k|| + c_k E(x), with the price
+// c_k on motion: an answer that was cut before its priced stages often has smaller slacks, at a motion that later ticks
+// undo.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +27,7 @@ class Trend {
 
   void forget() { known_ = 0; }
   bool known() const { return known_ > 0; }
-  // A solved answer, and the number of its tick.
+  // Take a solved answer, with the number of its tick.
   void take(const double* x, std::int64_t tick) {
     if (known_ > 0 && tick > tick_) {
       for (std::size_t i = 0; i < x_.size(); ++i) rate_[i] = (x[i] - x_[i]) / double(tick - tick_);
@@ -78,9 +78,9 @@ class Late {
     }
   }
 
-  // The cut answer, the x before and where it comes to if the answers go on as before: `ahead` is sent, unless `last`
-  // is better, or the cut answer by more than is made up soon. All of them are clipped into today's box, and what is
-  // further off than `most` in one of the joints is taken as the point on the way to it: residuals are convex.
+  // Choose x from the cut answer, the last x and the extrapolated one: `ahead`, unless `last` is better, or the cut
+  // answer by more than the next ticks make up. Each is clipped into the box of this tick; a change of a joint above
+  // `most` is shortened along the line from `last`, for residuals are convex.
   const double* choose(const double* cut, const double* last, const double* ahead, const int* joints, std::size_t count,
                        double most) {
     take(here_, last), box(here_), judge(here_);
@@ -94,12 +94,12 @@ class Late {
   struct Point {
     std::vector<double> x, slack, size, cost, band;
   };
-  static constexpr double kMargin = 2.0;  // a cut answer has to be better by this many changes like the last ones,
-  static constexpr double kWorth = 0.02;  // and by this share of what is unmet: less is made up by the next solved tick
+  static constexpr double kMargin = 2.0;  // the cut answer must gain this many changes like the last ones,
+  static constexpr double kWorth = 0.02;  // and this share of the residual: the next solved tick makes up for less
 
   void take(Point& to, const double* x) const { std::copy(x, x + n_, to.x.begin()); }
 
-  // Into the bounds of single variables that lead the hierarchy.
+  // Clip into the bounds on single variables that lead the hierarchy.
   void box(Point& to) const {
     for (int k = 0; k < constraints_; ++k) {
       const Level& level = levels_[std::size_t(k)];
@@ -111,7 +111,7 @@ class Late {
     }
   }
 
-  // No further from `here` than that in one of the joints.
+  // Shorten the way from `here` so that no joint moves by more than `most`.
   void towards(Point& to, const int* joints, std::size_t count, double most) const {
     double reach = 0.0;
     for (std::size_t i = 0; i < count; ++i) {
@@ -122,7 +122,7 @@ class Late {
     for (std::size_t i = 0; i < to.x.size(); ++i) to.x[i] = here_.x[i] + (most / reach) * (to.x[i] - here_.x[i]);
   }
 
-  // Slacks; of every level ||w||, ||w|| + c E(x), and what levels below may change.
+  // Compute slacks, and for every level ||w||, ||w|| + c E(x) and its tolerance for levels below.
   void judge(Point& at) const {
     const double motion = law_.prices ? energy(at.x) : 0.0;
     double* w = at.slack.data();
@@ -155,7 +155,7 @@ class Late {
     return 0.5 * square;
   }
 
-  // Return true if one is better in the first level that differs; soon: by more than the next ticks make up.
+  // Return true if one is better in the first level that differs; soon: require more than the next ticks make up.
   bool better(const Point& one, const Point& other, bool soon) const {
     std::size_t at = 0;
     for (std::size_t k = 0; k < levels_.size(); at += std::size_t(levels_[k++].m)) {

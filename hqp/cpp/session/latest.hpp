@@ -13,7 +13,7 @@ namespace hqp {
 struct StateFacts {
   const double* time = nullptr;    // [s], null if unknown
   double now = 0.0;                // time of the tick [s]
-  const double* angles = nullptr;  // of q, if the line has no kinematics
+  const double* angles = nullptr;  // joints of q, if the line has no kinematics
   const char* fault = nullptr;     // reason why the state is invalid, null if unknown
 };
 

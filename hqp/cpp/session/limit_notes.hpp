@@ -1,4 +1,4 @@
-// Notes on joint limits: those that alternate, and positions that pass their limit.
+// Notes on joint limits: alternating limits, and positions that will pass theirs.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,8 @@ class LimitNotes {
   explicit LimitNotes(Line& line) : line_(line), watch_(limit_watch(line)) { over_.reserve(std::size_t(line.nv())); }
 
   std::size_t size() const { return watch_.size(); }
-  // marks: of all rows in a tick of that number; q: its state; around: velocity at the centre of the limits' windows.
+  // marks: sides of all rows in a tick of that number; q: its state; around: velocity at the centre of the limits'
+  // windows.
   template <class Report>
   void look(const std::int8_t* marks, std::int64_t tick, const double* q, const double* around, const Report& report) {
     bool noted = false;

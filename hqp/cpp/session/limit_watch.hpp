@@ -1,4 +1,4 @@
-// Limits of joints by the marks of their rows: which alternate and how often, and which give way to the window.
+// Joint limits by the marks of their rows: rates of alternation, and limits outside the window.
 #pragma once
 
 #include <algorithm>
@@ -13,18 +13,18 @@
 
 namespace hqp {
 
-// Counts how often each limit binds on the one side and then on the other. The rate of a row is
+// Counts alternations of each limit: active on one side, then on the other. The rate of a row is
 // sum exp(-age / kSpan) / kSpan over its alternations, in the mean their number a second.
 class LimitWatch {
  public:
   using Parts = std::vector<std::pair<std::size_t, std::size_t>>;  // first and last of some rows
 
   static constexpr double kSpan = 0.2;  // alternations are counted over this time, in the mean [s]
-  // Alternations a second from which on a joint is restless: four or so within kSpan, which no reference asks for.
+  // Alternations a second above which a joint is restless: about four within kSpan, more than any reference causes.
   static constexpr double kOften = 20.0;
-  static constexpr double kOver = 1e-6;  // what passes a limit by less gives way to nothing but rounding [rad, m]
+  static constexpr double kOver = 1e-6;  // a limit passed by less is rounding [rad, m]
 
-  // parts: of all rows, those of limits, with a name each.
+  // parts: rows of limits, with a name each.
   LimitWatch(Parts parts, std::vector<std::string> names, double dt)
       : parts_(std::move(parts)),
         names_(std::move(names)),
@@ -35,7 +35,7 @@ class LimitWatch {
         rate_(names_.size(), 0.0) {}
 
   std::size_t size() const { return names_.size(); }
-  std::size_t rows() const {  // of all, up to the last one that it reads
+  std::size_t rows() const {  // count up to the last one that it reads
     std::size_t last = 0;
     for (const auto& part : parts_) last = std::max(last, part.second);
     return last;
@@ -43,7 +43,7 @@ class LimitWatch {
   // True if the bounds of a joint meet: its limits are outside the window of its reachable rates.
   bool meet() const { return meet_; }
 
-  // Marks of all rows in a tick of that number, and notes on the limits that alternate.
+  // Take the marks of all rows in a tick of that number; note the limits that alternate.
   template <class Tell>
   void look(const std::int8_t* marks, std::int64_t tick, const Tell& tell) {
     tick_ = tick;
@@ -58,7 +58,7 @@ class LimitWatch {
     for (std::size_t i = 0; i < rate_.size(); ++i)
       if (rate_[i] > kOften) tell(Note{names_[i].c_str(), Status::kOptimal, Cause::kRestless, "", rate_[i]});
   }
-  // Whether a joint that comes to rest so far beyond its position limit passes it, for it cannot brake harder.
+  // Return true if a joint comes to rest that far beyond its position limit: it cannot brake harder.
   static bool passed(double over, const char* unit, Note& why) {
     why.cause = Cause::kOverrun, why.where = unit, why.amount = over;
     return over > kOver;

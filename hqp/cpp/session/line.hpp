@@ -17,7 +17,7 @@
 
 namespace hqp {
 
-// An element of the stack: where its rows are in the hierarchy (level, first, last in it) and among the motion rows.
+// An element of the stack: place of its rows in the hierarchy (level, first, last in it) and among the motion rows.
 struct Member {
   std::string name;
   bool hard, contact, equality, own_bounds;
@@ -25,7 +25,7 @@ struct Member {
   int row, row_end;
   int slot;  // slot of its reference, -1 for none
   std::vector<std::string> row_names;
-  // Of rows that are not on motion: the bounds that make them free while it is out, and what they are else.
+  // Bounds of rows that are not on motion: opened while the element is out; low, high: their declared values.
   double *lower = nullptr, *upper = nullptr;
   std::vector<double> low, high;
   bool out = false;
@@ -86,19 +86,21 @@ class Line {
   int order() const { return parts_.assembly->order(); }
   double dt() const { return dt_; }
   int size() const { return n_; }                      // of x
-  std::size_t rows() const { return slacks_.size(); }  // of all levels
+  std::size_t rows() const { return slacks_.size(); }  // count in all levels
   const std::vector<Level>& levels() const { return levels_; }
-  Kinematics* kinematics() const { return parts_.kinematics.get(); }  // null where Python's are read
+  Kinematics* kinematics() const { return parts_.kinematics.get(); }  // null if Python has them
   Assembly& assembly() const { return *parts_.assembly; }
-  LevelSolve* solver() const { return parts_.solver.get(); }  // null for one that is written in Python
+  LevelSolve* solver() const { return parts_.solver.get(); }  // null for a solver in Python
   TorqueParts* torque() const { return parts_.torque.get(); }
   std::vector<Slot>& slots() { return slots_; }
   const std::vector<Member>& members() const { return members_; }
-  const std::vector<const Member*>& placed() const { return placed_; }  // those with rows, as the hierarchy has them
+  const std::vector<const Member*>& placed() const {
+    return placed_;
+  }  // members with rows, in the order of the hierarchy
   const std::vector<Slot>& slots() const { return slots_; }
 
-  // Rows and demands of a state that the references have been set for; velocity: v of the state, or at velocity level
-  // the one that limits stand around.
+  // Write rows and demands for a state, after its references; velocity: v of the state, or at velocity level the centre
+  // of the limits' windows.
   void write(const double* q, const double* v, const double* velocity) {
     if (parts_.kinematics) parts_.kinematics->update(q);
     for (int i = 0; slowed_ && i < nv_; ++i) slowed_[i] = v[i] * slowing_[i];
@@ -108,7 +110,7 @@ class Line {
   }
   Solved solve(const double* v) {
     if (!torque()) return run(v);
-    if (!weight_.empty()) {  // what the levels leave is settled by min |tau - tau_g|
+    if (!weight_.empty()) {  // min |tau - tau_g| determines the remaining directions
       assembly().weight(weight_.data());
       if (!torque()->hold(weight_.data(), origin_)) return {kInvalid};
     }
@@ -119,7 +121,7 @@ class Line {
   Solved run(const double* v) { return solve_ ? solve_->run(v) : Solved{kAskPython}; }
   // Run this call ahead of the solver from now on; null for the solver alone.
   void ahead(SolveCall* call) { solve_ = call ? call : parts_.solver.get(); }
-  // Rows again, where something else has written them, without a solve.
+  // Write the rows again, without a solve.
   void rewrite(const double* v) {
     torque()->before(nullptr, &assembly());
     torque()->run(v);
@@ -164,7 +166,7 @@ class Line {
     }
     return true;
   }
-  // Free the rows of an element for this tick; of a contact whose force is eliminated keep what are numbers, at rest.
+  // Free the rows of an element for this tick; keep the finite entries of a contact with an eliminated force, at rest.
   void leave_out(const Member& member) {
     const bool reaction = torque() && member.level < 0;
     for (int i = member.row; i < member.row_end; ++i) {
@@ -178,7 +180,7 @@ class Line {
     }
   }
 
-  // The torques that hold the robot up, and its momentum as it moves with v; false where there are none.
+  // Compute the torques that hold the robot up, and its momentum at v; return false if there are none.
   bool at_rest(const double* q, const double* v) {
     std::fill(still_.begin(), still_.end(), 0.0);
     parts_.kinematics->update(q);
@@ -189,7 +191,7 @@ class Line {
   const double* holding() const { return holding_.data(); }
   const double* momentum() const { return momentum_.data(); }
 
-  // The rows of these members are free from now on, those of all others as declared.
+  // Free the rows of these members from now on; restore those of all others.
   void go_without(const std::vector<bool>& out) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       Member& member = members_[k];
@@ -268,7 +270,7 @@ class Line {
     member.low.assign(member.lower, member.lower + count), member.high.assign(member.upper, member.upper + count);
   }
 
-  static double largest(const double* from, const double* to) {  // magnitude, NaN where one is
+  static double largest(const double* from, const double* to) {  // magnitude, NaN if a number is NaN
     double most = 0.0;
     for (; from < to && !std::isnan(most); ++from)
       if (!(std::fabs(*from) <= most)) most = std::fabs(*from);
@@ -359,12 +361,12 @@ class Line {
   std::vector<std::string> slot_names_;
   std::vector<Member> members_;
   std::vector<const Member*> placed_;
-  std::vector<int> starts_;  // of each level, its first among all
+  std::vector<int> starts_;  // first row of each level
   std::vector<double> slacks_, still_, holding_, momentum_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
   double *slowing_ = nullptr, *slowed_ = nullptr;
-  double* origin_ = nullptr;    // the torque that holds the robot up, where levels leave it to that
+  double* origin_ = nullptr;    // the torque that holds the robot up, null if the solver has no origin
   std::vector<double> weight_;  // g, for it
 };
 

@@ -69,8 +69,8 @@ class LiveSource {
   std::unique_ptr<Callbacks> callbacks_;
 };
 
-// A state as Python gives it.  time: of the state, or None; now: of the tick [s]; angles: of q if native kinematics do
-// not know all joints, or None; fault: why the state is not valid, or None.
+// A state from Python.  time: its time, or None; now: time of the tick [s]; angles: joints of q if native
+// kinematics do not know all, or None; fault: reason why the state is not valid, or None.
 class GivenState {
  public:
   GivenState(const hqp::Line& line, nb::handle q, nb::handle v, nb::handle time, double now, nb::handle angles,
@@ -277,7 +277,7 @@ class LiveSession {
 // A transition between live sessions; `owner` (hqp/loop/transition.py) hears of each tick of a stack.
 class LiveTransition final : public hqp::Transition::Hooks {
  public:
-  // sessions: of the stacks on the way; kept by the owner, as the transition that is under way to the first one.
+  // sessions: one for each stack on the way; the owner keeps them and the transition that is under way to the first.
   LiveTransition(const nb::list& sessions, const nb::object& way, double ticks, LiveTransition* under_way,
                  nb::handle owner)
       : owner_(owner), way_(LivePlan(way, kept_)) {
@@ -326,7 +326,7 @@ class LiveTransition final : public hqp::Transition::Hooks {
   }
 
   std::vector<nb::object> kept_;
-  nb::handle owner_;  // which owns this object
+  nb::handle owner_;  // it owns this object
   hqp::Way way_;
   std::vector<LiveSession*> sessions_;
   std::unique_ptr<hqp::Transition> transition_;

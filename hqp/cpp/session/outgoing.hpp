@@ -29,8 +29,8 @@ struct Answered {
   int iterations = 0, factorisations = 0;
 };
 
-// Whether slacks w (m) of an element's rows are beyond what rounding accounts for at these bounds: how far, and the
-// rows, the worst first, where each has a name; operation: it names rows that change, null for none.
+// Return true if slacks w (m) of an element's rows exceed rounding at these bounds; why: the largest slack, and the
+// worst rows if each has a name.  operation: it names rows that change, null for none.
 inline bool violated(const double* w, const double* lower, const double* upper, std::size_t m, double tolerance,
                      const std::vector<std::string>& names, const Operation* operation, Note& why) {
   bool any = false;

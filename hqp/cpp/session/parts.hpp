@@ -1,4 +1,4 @@
-// What a line is made of: kinematics, rows, the elimination at torque level, and a solver.
+// Parts of a line: kinematics, rows, the elimination at torque level, and a solver.
 #pragma once
 
 #include <memory>
@@ -16,10 +16,10 @@ namespace hqp {
 // A session from a file makes its own; a session in Python shares the parts of its program, for answers and
 // explanations.
 struct Parts {
-  std::shared_ptr<Kinematics> kinematics;  // null where Python's are read
+  std::shared_ptr<Kinematics> kinematics;  // null if Python has them
   std::shared_ptr<Assembly> assembly;
   std::shared_ptr<TorqueParts> torque;  // null at other levels
-  std::shared_ptr<LevelSolve> solver;   // null where it is written in Python
+  std::shared_ptr<LevelSolve> solver;   // null for a solver in Python
 };
 
 // The levels of a hierarchy of n variables.
@@ -38,7 +38,7 @@ std::vector<Level> levels_of(const Node& p, std::size_t n) {
   return found;
 }
 
-// The prices of so many levels on the motion of n variables, none where no level has one.
+// The prices of so many levels on the motion of n variables, none if no level has one.
 template <class Node>
 Law law_of(const Node& p, std::size_t levels, std::size_t n) {
   Law law;

@@ -1,4 +1,4 @@
-// Which law each element has in which phase; see LawChange for how it goes over.
+// Law of each element in each phase; LawChange has the change from one to the next.
 #pragma once
 
 #include <utility>
@@ -33,13 +33,13 @@ class PhaseLaws {
     }
   }
 
-  // The laws of the tick that begins, in a phase; out: who was out of the tick before, null for the first one.
+  // Set the laws of a tick in a phase; out: absent elements of the tick before, null for the first one.
   void obey(std::size_t phase, const Presence::Out* out) {
     if (std::exchange(phase_, phase) != phase)
       for (const Element& one : elements_) aim(one, phase, !out || (*out)[one.member]);
     demands_.go_on(dt_);
   }
-  // As declared.
+  // Return to the declared laws.
   void reset() {
     for (const Element& one : elements_) aim(one, 0, true);
     phase_ = kNone;

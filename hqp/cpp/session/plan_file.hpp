@@ -1,4 +1,4 @@
-// A plan: what a session is made of, as its file has it (docs/plan_file.md). Nothing changes it: sessions share it.
+// A plan: the content of a file, from which sessions are made (docs/plan_file.md). Constant: sessions share it.
 #pragma once
 
 #include <cmath>
@@ -18,8 +18,8 @@ namespace hqp {
 
 class Plan {
  public:
-  // The bytes of a file; refuses those of another format or version, cut short or changed, and with a key those that
-  // were not signed with it.
+  // Read the bytes of a file; throws PlanError for another format or version, for truncated or changed bytes, and with
+  // a key for a signature that does not match.
   explicit Plan(const std::string& file, const std::string& key = "") {
     const std::size_t line = file.find('\n');
     if (file.compare(0, 9, "hqp plan,") != 0 || line == std::string::npos || line > 200)
@@ -124,7 +124,7 @@ class Plan {
   }
 
  public:
-  // A number, as JSON has it or as a text for what is not finite.
+  // A number, or the text of one that is not finite.
   static double number_of(const Json& told) {
     if (told.kind == Json::Kind::kNumber) return told.number;
     if (told.text == "inf") return std::numeric_limits<double>::infinity();

@@ -22,10 +22,10 @@ inline double inverse(double h) { return 0.5 - std::sin(std::asin(1.0 - 2.0 * st
 class Ramp {
  public:
   static constexpr double kStill = 1e-9;  // share of the largest change below which a command is the same in both
-  // A transition that has taken this many times its duration goes on at a pace of 1 / kPatience for any command
-  // does, so that it ends.
+  // After this many times its duration a transition continues at 1 / kPatience of its pace, regardless of commands,
+  // so that it ends.
   static constexpr double kPatience = 10.0;
-  static constexpr double kNearly = 1.0 - 1e-6;  // how far a pair gets while its command is limited
+  static constexpr double kNearly = 1.0 - 1e-6;  // largest progress of a pair while its command is limited
 
   // ticks: least number for all pairs.  cap: largest change of a motor's command in a tick.  motors: their indices in
   // x.
@@ -49,12 +49,12 @@ class Ramp {
     for (std::size_t k = 0; k < at_; ++k) before += spans_[k];
     return (before + spans_[at_] * smooth(s_)) / total_;
   }
-  // h that this tick comes to unless a command would change too fast.  wait: no further than before.
+  // h of this tick, unless a command would change too fast.  wait: no further than before.
   double target(bool wait) const { return smooth(wait ? s_ : std::min(1.0, s_ + (spans_[at_] > 0.0 ? pace_ : 1.0))); }
 
-  // Write x as far from a to b as h says, and as the largest change of a command allows if a point between the two
-  // does: cap, and after a measured touch-down or lift-off (felt), which is answered at once, so much more than the
-  // answers change by themselves.  Return the largest change.
+  // Write x on the line from a to b: at h, or nearer to a so that no command changes by more than its cap, if a point
+  // between the two allows that.  felt: the change follows a measured touch-down or lift-off, and the cap is added to
+  // the change of the answers themselves.  Return the largest change.
   double blend(const double* a, const double* b, const double* last, double h, const Easing* ease, bool felt, double* x,
                std::size_t n) {
     const auto weight_at = [&](double at) { return ease ? ease->weight(at) : at; };
@@ -73,7 +73,7 @@ class Ramp {
     s_ = h >= 1.0 && weight >= 1.0 ? 1.0 : std::max(s_, s);
     return reach;
   }
-  // What is sent is not the blend: a pair does not end there.
+  // Another command than the blend was sent: the pair does not end there.
   void limited() { s_ = std::min(s_, kNearly); }
   // Begin the next pair if this one is done; return true if so.
   bool advance() {

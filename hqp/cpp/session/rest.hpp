@@ -12,10 +12,10 @@
 
 namespace hqp {
 
-// The state that a robot comes to rest from; all null where there was none.
+// The state that a robot comes to rest from; all null if there was none.
 struct RestFrom {
   const double *angles = nullptr, *v = nullptr;  // (nv)
-  // Torque level: the torques (n) that hold the robot up [N m] and its momentum [N m s]; null where unknown.
+  // Torque level: the torques (n) that hold the robot up [N m] and its momentum [N m s]; null if unknown.
   const double *holding = nullptr, *momentum = nullptr;
 };
 
@@ -23,7 +23,7 @@ struct RestFrom {
 class Rest {
  public:
   virtual ~Rest() = default;
-  // From the last good state and the last x; now: whether the state is this tick's, or that in which x was sent.
+  // From the last good state and the last x; now: true if the state is this tick's, else x was sent in it.
   virtual void begin(const RestFrom& from, const double* x, bool now) = 0;
   virtual void next(double* x) = 0;
   virtual void keep(CarryOver& state) = 0;
@@ -31,7 +31,7 @@ class Rest {
 
  protected:
   explicit Rest(std::size_t size) : size_(size) {}
-  // The fastest of the joints, of all coordinates where none moves.
+  // The fastest of the joints, of all coordinates if none moves.
   static double fastest(const std::vector<double>& x, const std::vector<int>& joints) {
     double most = 0.0;
     for (const int j : joints) most = std::max(most, std::fabs(x[static_cast<std::size_t>(j)]));
@@ -121,7 +121,7 @@ class Brake final : public Rest {
 //
 // tau_v holds the momentum A qd as tau_g holds gravity, so that every joint slows down by qd / T with any load,
 // while contacts hold; T is long enough that it never overshoots within one period. q is that of the last good state;
-// tau_v as well, fading with T, for damping by an old velocity would push. Where the dynamics fail, from the last
+// tau_v as well, fading with T, for damping by an old velocity would push. If the dynamics fail, from the last
 // torque.
 class Hold final : public Rest {
  public:

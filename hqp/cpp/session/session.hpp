@@ -138,7 +138,7 @@ class Session {
   // q + dt v into out (nq).
   void integrate(const double* q, const double* v, double dt, double* out) const;
   // Bring the robot to rest from the next step on and hold it there, with status kStopped, until resume(). Any thread
-  // may stop, resume and ask for the reason, "" while the session runs.
+  // may stop, resume and read the reason, "" while the session runs.
   void stop(const std::string& reason = "stop");
   void resume();
   std::string stopped() const;

@@ -48,8 +48,8 @@ class SessionState {
   }
 
   // Start from the command that the robot is sent now: rates, braking, and at velocity level the window of
-  // acceleration.  q, v: its state, null if unknown; angles: of q, if the line has no kinematics.  Throws
-  // ReferenceError for a command or a state that is not valid.
+  // acceleration.  q, v: its state, null if unknown; angles: joints of q, if the line has no kinematics.
+  // Throws ReferenceError for a command or a state that is not valid.
   void begin(const double* command, const double* q, const double* v, const double* angles = nullptr) {
     Note why;
     if (!(squared(command, int(robot_.picks.size())) < std::numeric_limits<double>::infinity()))
@@ -179,7 +179,7 @@ class SessionState {
   std::size_t plain_notes_ = 0;
   bool aside_ = false, answered_ = false;
   bool ordinary_ = false;   // the last tick had an answer with all tasks within reach
-  bool age_noted_ = false;  // a note said that states may be of any age
+  bool age_noted_ = false;  // a note on states of any age was sent
 
  private:
   void share() {

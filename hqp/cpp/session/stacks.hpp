@@ -111,7 +111,7 @@ class Stacks {
       current_ = &next;
     } else {
       if (!legs_.empty() && legs_.back().transition->depth() >= Transition::kDeepest) {
-        legs_.back().transition->end();  // so many changes at a time: the oldest ones end here
+        legs_.back().transition->end();  // too many changes at a time: the oldest ones end here
         retire();
       }
       Leg leg{std::size_t(way - ways_.begin()), over / current_->line().dt(), {current_}, nullptr};
@@ -139,7 +139,7 @@ class Stacks {
     if (found != names_.end()) return std::size_t(found - names_.begin());
     return stacks_[0].lines[0]->inputs().references().member(name);  // throws, and lists the names
   }
-  // Inputs::set and Inputs::say for the stacks at work. Throws ReferenceError if none has the element.
+  // Set a field or the presence of an element in the stacks at work. Throws ReferenceError if none has the element.
   void set(std::size_t element, int field, const double* values, std::size_t size) {
     require(element, offer(element, field, values, size));
   }
@@ -198,7 +198,7 @@ class Stacks {
     current_ = stacks_[0].lines[0].get();
     tick_ = &current_->tick();
   }
-  // Go on with a world, as new if it is empty.
+  // Continue with a world, as new if it is empty.
   void load(World& world) {
     world.rows.resize(stacks_.size());
     if (world.empty()) return stacks_[0].lines[0]->halt().resume(), reset();
@@ -364,7 +364,7 @@ class Stacks {
     return line == current_ || among(others) ||
            std::any_of(legs_.begin(), legs_.end(), [&](const Leg& leg) { return among(leg.lines); });
   }
-  // A line of a stack that is not at work, as new; its rows and its solver go on.
+  // A line of a stack that is not at work, as new except for rows and solver.
   Guarded& fresh(std::size_t k, const std::vector<Guarded*>& others = {}) {
     Stack& stack = stacks_[k];
     for (const auto& line : stack.lines) line->inputs().all_in();

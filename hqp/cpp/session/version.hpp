@@ -1,4 +1,4 @@
-// Which plans are read; tests compare it with the Python package.
+// Format and version of readable plans; tests compare them with the Python package.
 #pragma once
 
 namespace hqp {
