@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec, right_vectors
-from hqp.collision_library import Placement, coal
+from hqp.collision_library import Placement, coal, convex_hull, solid
 from hqp.progress import tracked
 from hqp.shapes import LinkCapsule
 
-from . import geometry
 from .surface import Surface, sphere, surface
 
 NEAR, SHARE = 0.01, 0.1
@@ -24,7 +23,6 @@ MOST = 16
 """Most capsules of a link."""
 _SKIN = 60
 _ROUNDING = 1e-9
-_THIN = 1e-5
 _DOT = 1e-9
 _BALL, _DIRECTIONS = sphere(200), sphere(40)
 _POINT, _HERE, _REQUEST = coal.Sphere(_DOT), Placement.Identity(), coal.DistanceRequest()
@@ -59,7 +57,7 @@ def fit_surfaces(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsu
         fits = fit(part)
         for k, (a, b, radius) in enumerate(fits):
             title = name if len(fits) == 1 else f"{name}/{k}"
-            found.append(LinkCapsule(title, joint, tuple(a.tolist()), tuple(b.tolist()), radius))
+            found.append(LinkCapsule(title, joint, tuple(a.tolist()), tuple(b.tolist()), radius, True))
     return tuple(found)
 
 
@@ -134,19 +132,9 @@ class Room:
     """The convex hull of a surface, and how far capsules stand out of it, by coal."""
 
     def __init__(self, part: Surface) -> None:
-        from scipy.spatial import ConvexHull, QhullError
-
         points = np.concatenate([(c[:, None] + r * _BALL).reshape(-1, 3) if r > 0.0 else c for c, r in _grouped(part)])
-        try:
-            hull = ConvexHull(points)
-        except QhullError:  # flat: coal needs a volume
-            hull = ConvexHull((points[:, None] + _THIN * np.vstack((np.eye(3), -np.eye(3)))).reshape(-1, 3))
-        self._mesh = self._hull = geometry.mesh_shape(hull.points, hull.simplices)
-        try:
-            self._mesh.buildConvexRepresentation(True)
-            self._hull = self._mesh.convex  # three times as fast as the triangles
-        except RuntimeError:  # a corner with more than 255 neighbours, such as the middle of a fine disc
-            pass
+        hull = convex_hull(points)
+        self._hull = solid(hull)
         self._normals, self._offsets = hull.equations[:, :3], hull.equations[:, 3]
         spread = hull.points[hull.vertices] - points.mean(axis=0)
         sizes = np.ptp(spread, axis=0), np.ptp(spread @ right_vectors(spread)[1].T, axis=0)

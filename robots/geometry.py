@@ -10,7 +10,6 @@ from weakref import WeakValueDictionary
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import Mat
 from hqp.errors import ModelError
 
 from .description import Description
@@ -79,7 +78,7 @@ def _from_mujoco(found: Description, kind: Kind) -> Any:
 
 def _shape(simulated: Any, geom: int) -> Any:
     """The coal shape of a geom; None for height fields and signed distance functions."""
-    from hqp.collision_library import coal
+    from hqp.collision_library import coal, triangles
 
     from .mujoco_extra import mujoco
 
@@ -101,20 +100,8 @@ def _shape(simulated: Any, geom: int) -> Any:
         mesh = int(simulated.geom_dataid[geom])
         first, count = int(simulated.mesh_vertadr[mesh]), int(simulated.mesh_vertnum[mesh])
         start, faces = int(simulated.mesh_faceadr[mesh]), int(simulated.mesh_facenum[mesh])
-        return mesh_shape(simulated.mesh_vert[first : first + count], simulated.mesh_face[start : start + faces])
+        return triangles(simulated.mesh_vert[first : first + count], simulated.mesh_face[start : start + faces])
     return None
-
-
-def mesh_shape(points: Mat, faces: Any) -> Any:
-    """A coal mesh of points ``(n, 3)`` [m] and triangles ``(m, 3)``."""
-    from hqp.collision_library import coal
-
-    mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(len(faces), len(points))
-    mesh.addVertices(np.asarray(points, dtype=np.float64))
-    mesh.addTriangles(np.asarray(faces, dtype=np.int64))
-    mesh.endModel()
-    return mesh
 
 
 def lowest(model: Any, data: Any, geometry: Any, joint: int) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec, cross
-from hqp.collision_library import MESH_DISTANCES, Placement, coal
+from hqp.collision_library import MESH_DISTANCES, Placement, coal, convex_hull, solid
 from hqp.errors import DeclarationError
 from hqp.shapes import Shape
 
@@ -25,8 +25,7 @@ def _load(kind: str, file: str, scale: tuple[float, ...]) -> Any:
         raise ValueError("fewer than four vertices")
     if kind == "triangles":
         return mesh
-    mesh.buildConvexRepresentation(True)
-    return mesh.convex
+    return solid(convex_hull(np.array(mesh.vertices(), dtype=np.float64).reshape(-1, 3)))
 
 
 def read(shape: Shape) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 import hqp
@@ -20,7 +21,6 @@ from hqp.errors import DeclarationError, ModelWarning
 from hqp.programs.assembly import Assembly
 from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture, distances
-from hqp.tasks.collision_pairs import joints_between
 from hqp.tasks.collision_scene import scene
 
 DT = 0.002
@@ -267,10 +267,43 @@ def test_home_violates_nothing(talos: Any) -> None:
     element = CollisionAvoidance(clearance=0.05)
     near = element.near(talos.state())
     assert all(n.distance >= n.clearance for n in near if n is not None)
-    own = scene(element, talos)
-    assert len(own.pairs) > 500
-    apart = [joints_between(talos, own.body(i), own.body(j)) for i, j in own.pairs]
-    assert min(apart) > 3
+    assert len(scene(element, talos).pairs) > 500
+
+
+def test_a_mesh_that_is_not_convex_counts_as_its_hull(panda: Any, tmp_path: Any) -> None:
+    """Balls with drawn spikes: distances of points of the capsules from the hull, by least squares."""
+    rng, place = np.random.default_rng(3), (0.55, 0.0, 0.4)
+    for seed in range(4):
+        ball = rng.normal(size=(60, 3))
+        ball /= np.linalg.norm(ball, axis=1)[:, None]
+        points = ball * rng.uniform(0.05, 0.2, (60, 1))
+        hull = ConvexHull(points)
+        path = tmp_path / f"spikes{seed}.stl"
+        with open(path, "wb") as file:
+            faces = ConvexHull(ball).simplices
+            file.write(bytes(80) + struct.pack("<I", len(faces)))
+            for face in faces:
+                file.write(struct.pack("<12f", 0.0, 0.0, 1.0, *points[face].ravel()) + bytes(2))
+        element = CollisionAvoidance(pairs="world", world=shapes.mesh("spikes", path, place), influence=1.0)
+        state, own, compared = panda.state(panda.random_configuration(rng, 0.3)), scene(element, panda), 0
+        for n in element.near(state):
+            if n is None or n.distance < 0.0:
+                continue
+            link = own.pair(n.pair)[0]
+            a, b = own.ends(link)
+            axis = a + np.linspace(0.0, 1.0, 21)[:, None] * (b - a) - place
+            away = min(distance_to_hull(p, hull) for p in axis) - own.capsules[link].radius
+            assert away - math.dist(a, b) / 20.0 - 1e-5 < n.distance < away + 1e-5
+            compared += 1
+        assert compared > 3
+
+
+def distance_to_hull(point: Any, hull: ConvexHull) -> float:
+    """Distance of a point to a convex hull, by least squares on convex combinations."""
+    corners = hull.points[hull.vertices]
+    heavy = 1e4
+    rows = np.vstack((corners.T, np.full(len(corners), heavy)))
+    return float(np.linalg.norm(corners.T @ nnls(rows, np.append(point, heavy))[0] - point))
 
 
 def test_a_pair_keeps_its_slot_and_the_nearest_have_one() -> None:
