@@ -16,13 +16,17 @@ KINDS = {"sphere": 1, "capsule": 2, "box": 3, "half_space": 0, "mesh": 3, "trian
 
 
 class LinkCapsule(NamedTuple):
-    """A capsule fixed to a body of a robot: ends a, b of its axis in the body's axes [m], radius [m]."""
+    """A capsule fixed to a body of a robot: ends a, b of its axis in the body's axes [m], radius [m].
+
+    fitted: true if it is fitted to the shapes of the robot's file, which then decide what can touch.
+    """
 
     name: str
     body: int
     a: tuple[float, float, float]
     b: tuple[float, float, float]
     radius: float
+    fitted: bool = False
 
 
 class Shape(NamedTuple):

@@ -94,7 +94,7 @@ def _read(path: Path, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...
         rows = data["capsules"]
         if data["sha256"] != _checksum(path, rows):
             return None
-        found = tuple(LinkCapsule(name, body, tuple(a), tuple(b), radius) for name, body, a, b, radius in rows)
+        found = tuple(LinkCapsule(name, body, tuple(a), tuple(b), radius, True) for name, body, a, b, radius in rows)
         numbers = [x for c in found for x in (*c.a, *c.b, c.radius)]
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None

@@ -51,7 +51,7 @@ def named(robot: Any, joint: int, fits: Sequence[Capsule]) -> tuple[LinkCapsule,
     placement, name, found = _axes(robot, joint), link_name(robot, joint), []
     for k, (a, b, radius) in enumerate(fits):
         title = name if len(fits) == 1 else f"{name}/{k}"
-        found.append(LinkCapsule(title, joint, _tuple(placement * a), _tuple(placement * b), radius))
+        found.append(LinkCapsule(title, joint, _tuple(placement * a), _tuple(placement * b), radius, True))
     return tuple(found)
 
 
@@ -68,16 +68,16 @@ def read(robot: Any, path: Path) -> tuple[LinkCapsule, ...]:
         fitted = {robot.body(robot.frame(e["link"])): np.array(e["measures"]) for e in table.get("surface", ())}
     except KeyError as error:
         raise ModelError(f"{path}: capsules do not fit {robot.name}: {error}") from error
-    if fitted:
-        _compare(robot, path, fitted)
-    return found
+    same = _same(robot, path, fitted) if fitted else set()
+    return tuple(c._replace(fitted=c.body in same) for c in found)
 
 
-def _compare(robot: Any, path: Path, fitted: Mapping[int, Vec]) -> None:
+def _same(robot: Any, path: Path, fitted: Mapping[int, Vec]) -> set[int]:
+    """Bodies whose surfaces are those of the fit; warns of others."""
     try:
         own = {j: measures(part.placed(_axes(robot, j).inverse())) for j, part in surfaces(robot).items()}
     except ModelError:  # no shapes to compare with
-        return
+        return set()
     joints = {*own, *fitted}
     differ = [j for j in joints if j not in own or j not in fitted or np.abs(own[j] - fitted[j]).max() > SAME]
     if differ:
@@ -86,6 +86,7 @@ def _compare(robot: Any, path: Path, fitted: Mapping[int, Vec]) -> None:
             f"{path}: capsules were fitted to other shapes than {robot.name} has at {links}; fit anew: hqp capsules"
         )
         warnings.warn(message, ModelWarning, stacklevel=4)
+    return joints - set(differ)
 
 
 def measures(part: Surface) -> Vec:

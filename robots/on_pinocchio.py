@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hqp.declare.robot import Placed, TreeJoint
     from hqp.tasks import Ball, JointCoupling, Weld
 
+    from .contacts import Contacts
     from .description import Description
 
 
@@ -321,6 +322,12 @@ class Robot:
         if self.description is None:
             raise ModelError(f"{self.name} has no file and no {kind} shapes: pass Robot(..., geometry=...)")
         return read(self.description, self.model, kind)
+
+    def contacts(self) -> Contacts:
+        """The collision shapes, read for ``touch`` of two bodies; raises ModelError without shapes."""
+        from . import contacts
+
+        return contacts.Contacts(self.read_shapes("collision"))
 
     def with_frame(self, name: str, parent: str, placement: Any = None) -> Robot:
         """Return a copy with one more frame, fixed in that of ``parent``.

@@ -42,8 +42,8 @@ class CollisionAvoidance(Inequality):
 
     ``at`` moves shapes of the world: with w the rate of the distance by that, each row is J v >= -a(h) - w.
 
-    pairs: ``"auto"``, all links that are more than three joints apart and apart at home, without those that the SRDF of
-    the robot's URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
+    pairs: ``"auto"``, all links that may touch by accident (``may_touch``), without those that the SRDF of the robot's
+    URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
     another SRDF; ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
     clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: largest d with a row, above the
     clearance.  rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets

@@ -1,4 +1,4 @@
-"""Pairs of shapes that may collide: links far enough apart in the tree, or pairs that the user names."""
+"""Pairs of shapes that may collide: links that may touch by accident, or pairs that the user names."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
 from hqp.shapes import LinkCapsule, Shape
 
-APART = 3
-"""Links this many joints apart or nearer are neighbours, which may touch."""
+from .touching import may_touch
+
 SHORT = 0.01
 """Capsules whose axis is shorter than this [m] are as good as a ball."""
 
@@ -23,18 +23,18 @@ Named = str | tuple[tuple[str, str], ...]
 
 
 def candidates(
-    element: Element, robot: Robot, world: World, named: Named
+    element: Element, robot: Robot, world: World, named: Named, clearance: float
 ) -> tuple[tuple[LinkCapsule, ...], list[Pair]]:
     """The links' capsules and pairs of shapes, numbered in the order of capsules, then the world's shapes.
 
-    element: for errors.  world, named: its ``world`` and ``pairs``.
+    element: for errors.  world, named, clearance: its ``world``, ``pairs`` and ``clearance`` [m].
     Next to a pair of a capsule with something flat stand those of its two ends, as capsules of no length.  The nearest
     point of a capsule that lies on a face jumps from one end to the other, and commands alternate where only that
     point has a row.  Raises DeclarationError for names and files of no use.
     """
     capsules = tuple(robot.capsules)
     links = len(capsules)
-    pairs = _pairs(element, robot, world, named, capsules)
+    pairs = _pairs(element, robot, world, named, capsules, clearance)
     flat = {links + k for k, shape in enumerate(world) if shape.kind not in ("sphere", "capsule")}
     lying = [(i, j) for i, j in pairs if j in flat and math.dist(capsules[i].a, capsules[i].b) > SHORT]
     ends: dict[int, int] = {}
@@ -48,7 +48,9 @@ def candidates(
     return (*capsules, *points), whole + [(ends[i] + k, j + more) for i, j in lying for k in (0, 1)]
 
 
-def _pairs(element: Element, robot: Robot, world: World, pairs: Named, capsules: tuple[LinkCapsule, ...]) -> list[Pair]:
+def _pairs(
+    element: Element, robot: Robot, world: World, pairs: Named, capsules: tuple[LinkCapsule, ...], clearance: float
+) -> list[Pair]:
     links = len(capsules)
     every = range(links + len(world))
     if not isinstance(pairs, str):
@@ -60,25 +62,9 @@ def _pairs(element: Element, robot: Robot, world: World, pairs: Named, capsules:
     if pairs == "world":
         return outside
     off = robot.disabled_pairs if pairs == "auto" else _disabled(element, pairs)
-    names, body = [_link(c.name) for c in capsules], [c.body for c in capsules]
-    within = [
-        (i, j)
-        for i, j in combinations(range(links), 2)
-        if joints_between(robot, body[i], body[j]) > APART and frozenset((names[i], names[j])) not in off
-    ]
-    return within + outside
-
-
-def joints_between(robot: Robot, one: int, two: int) -> int:
-    """Number of joints between two bodies."""
-    count, bodies = 0, robot.bodies
-    while one != two:
-        if one > two:
-            one = bodies[one][0]
-        else:
-            two = bodies[two][0]
-        count += 1
-    return count
+    names = [_link(c.name) for c in capsules]
+    within = [(i, j) for i, j in combinations(range(links), 2) if frozenset((names[i], names[j])) not in off]
+    return may_touch(robot, capsules, within, clearance) + outside
 
 
 def _disabled(element: Element, path: str) -> set[frozenset[str]]:

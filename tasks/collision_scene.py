@@ -18,12 +18,11 @@ from hqp.shapes import Shape
 from . import distances
 from .collision_pairs import SHORT, candidates
 from .collision_rows import Near, assign
+from .touching import KEPT
 
 if TYPE_CHECKING:
     from .collision import CollisionAvoidance
 
-KEPT = 0.8
-"""Share of their distance at home that two links keep at most."""
 MOST = 64
 """Slots by default, where there are more pairs."""
 Tables: TypeAlias = tuple[
@@ -59,7 +58,7 @@ class Scene:
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
         self._robot: Robot = proxy(robot)  # the robot holds the scene, not the other way round
         self._element = element
-        self.capsules, self.pairs = candidates(element, robot, element.world, element.pairs)
+        self.capsules, self.pairs = candidates(element, robot, element.world, element.pairs, element.clearance)
         self.world: tuple[Shape, ...] = element.world
         self.links = len(self.capsules)
         if any(shape.is_mesh for shape in self.world):

@@ -1,7 +1,7 @@
 """Distances between a capsule and other shapes, one pair at a time: the readable twin of cpp/rows/distance.hpp.
 
-Each function returns (distance [m], normal from the capsule to the other ``(3,)``, nearest point of the capsule's
-axis ``(3,)``).  The distance is to the surfaces, negative inside.
+Each function but ``of_axes`` returns (distance [m], normal from the capsule to the other ``(3,)``, nearest point of
+the capsule's axis ``(3,)``).  The distance is to the surfaces, negative inside.
 """
 
 from __future__ import annotations
@@ -156,3 +156,26 @@ def _across(u: Vec, v: Vec) -> Vec:
 
 def _share(x: float) -> float:
     return min(max(float(x), 0.0), 1.0)
+
+
+def of_axes(a: Mat, b: Mat, c: Mat, d: Mat) -> Vec:
+    """Distances between segments a b and c d, many at once: ends ``(n, 3)``, distances ``(n,)`` [m]."""
+    u, v, w = b - a, d - c, c - a
+    across = np.cross(u, v)
+    square = np.einsum("ij,ij->i", across, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.einsum("ij,ij->i", np.cross(w, v), across) / square
+        t = np.einsum("ij,ij->i", np.cross(w, u), across) / square
+        crossing = np.abs(np.einsum("ij,ij->i", w, across)) / np.sqrt(square)
+    inside = (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
+    ends = np.minimum(
+        np.minimum(_to_axis(a, c, v), _to_axis(b, c, v)), np.minimum(_to_axis(c, a, u), _to_axis(d, a, u))
+    )
+    return np.where(inside, np.minimum(crossing, ends), ends)
+
+
+def _to_axis(p: Mat, a: Mat, u: Mat) -> Vec:
+    """Distances of points p from the segments a to a + u."""
+    off, square = p - a, np.einsum("ij,ij->i", u, u)
+    share = np.clip(np.einsum("ij,ij->i", off, u) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(off - share[:, None] * u, axis=1))

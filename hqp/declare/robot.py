@@ -89,6 +89,13 @@ class Robot(Protocol):
         """Capsules around the links, for collision avoidance; raises ModelError for a robot without shapes."""
         ...
 
+    def contacts(self) -> Any:
+        """The collision shapes: ``touch(body, body, pose, pose)`` is true if they overlap at poses as in ``bodies``.
+
+        Raises ModelError without shapes.
+        """
+        ...
+
     @property
     def disabled_pairs(self) -> Collection[frozenset[str]]:
         """Pairs of links that need not be kept apart, by the SRDF of the robot's URDF."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -33,12 +32,8 @@ from hqp.tasks import (
     TorqueLimits,
     Within,
 )
-from hqp.tasks.collision_pairs import APART, joints_between
-from hqp.tasks.collision_scene import KEPT, scene
+from hqp.tasks.collision_pairs import candidates
 from hqp.torque import Torque
-
-TOUCHING = 2e-3
-"""Distance at home below which links up to three joints apart touch by design, as G1's shoulder and trunk do [m]."""
 
 Output = Literal["positions", "velocities", "torques"]
 
@@ -118,33 +113,14 @@ class UpperBody:
         )
 
     def _apart(self, robot: Robot, joints: tuple[str, ...]) -> tuple[CollisionAvoidance, ...]:
-        """Distances of links that these joints move: from all links more than three joints away, and from nearer ones
-        that do not touch at home, such as the trunk from an upper arm."""
+        """Distances from links that these joints move to all that they may touch, as for ``pairs="auto"``."""
         moved = {robot.subtree(joint) for joint in joints}
-        body = {_link(c.name): c.body for c in robot.capsules}
-        links = list(body)
-        far = {
-            (a, b): joints_between(robot, body[a], body[b])
-            for i, a in enumerate(links)
-            for b in links[:i]
-            if {body[a], body[b]} & moved
-        }
-        pairs = [pair for pair, count in far.items() if count > 1]
-        if not pairs:
-            return ()
-        limits = {"clearance": self.clearance, "influence": self.influence}
-        found = scene(CollisionAvoidance(pairs=tuple(pairs), **limits), robot)  # type: ignore[arg-type]
-        apart: dict[frozenset[str], list[float]] = {}
-        for (i, j), least in zip(found.pairs, found.clearance, strict=True):
-            apart.setdefault(frozenset((_link(found.name(i)), _link(found.name(j)))), []).append(least)
-        capsules = Counter(_link(c.name) for c in robot.capsules)
-
-        def free(a: str, b: str) -> bool:
-            known = apart.get(frozenset((a, b)), [])
-            return len(known) == capsules[a] * capsules[b] and min(known) >= KEPT * min(TOUCHING, self.clearance)
-
-        pairs = [pair for pair in pairs if far[pair] > APART or free(*pair)]
-        return (CollisionAvoidance(pairs=tuple(pairs), **limits),) if pairs else ()  # type: ignore[arg-type]
+        every = CollisionAvoidance(clearance=self.clearance, influence=self.influence)
+        capsules, found = candidates(every, robot, (), "auto", self.clearance)
+        pairs = tuple(
+            (capsules[i].name, capsules[j].name) for i, j in found if {capsules[i].body, capsules[j].body} & moved
+        )
+        return (replace(every, pairs=pairs),) if pairs else ()
 
     def session(
         self, robot: Robot, dt: float, *, deadline: float | None = None, max_age: float | None = None
@@ -161,12 +137,6 @@ def _base(robot: Robot) -> str:
     """The base's frame: the robot's landmark, or the first frame of its first body."""
     own = [name for name in robot.frame_names if robot.body(robot.frame(name)) == (1 if robot.floating else 0)]
     return str((robot.landmarks.get("base") or own)[0])
-
-
-def _link(capsule: str) -> str:
-    """The link of a capsule: several of one link are numbered after a slash."""
-    link, _, number = capsule.rpartition("/")
-    return link if link and number.isdigit() else capsule
 
 
 @dataclass(frozen=True, eq=False)

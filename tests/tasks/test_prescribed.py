@@ -69,7 +69,7 @@ def drawn(robot: Robot, rng: np.random.Generator) -> tuple[Any, Any]:
 
 
 def nearest(robot: Robot, q: Any, pairs: tuple[tuple[str, str], ...]) -> float:
-    """Least distance of capsules of named links [m], by coal."""
+    """Least distance of capsules, named or of named links [m], by coal."""
     import coal
     import pinocchio as pin
 
@@ -81,7 +81,8 @@ def nearest(robot: Robot, q: Any, pairs: tuple[tuple[str, str], ...]) -> float:
         along = b - a
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along).matrix() if np.any(along) else np.eye(3)
         shape = coal.Capsule(c.radius, float(np.linalg.norm(along))), coal.Transform3s(turn, (a + b) / 2.0)
-        shapes.setdefault(c.name.rpartition("/")[0] or c.name, []).append(shape)
+        for name in {c.name, c.name.rpartition("/")[0] or c.name}:
+            shapes.setdefault(name, []).append(shape)
     ask, found = coal.DistanceRequest(), coal.DistanceResult()
     far = []
     for one, two in pairs:

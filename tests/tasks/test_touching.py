@@ -1,0 +1,153 @@
+"""Pairs of `pairs="auto"`: links that may touch have a row, and no row keeps the joints from most of their ranges."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp
+from hqp.robots import capsule_files
+from hqp.shapes import LinkCapsule
+from hqp.tasks import CollisionAvoidance
+from hqp.tasks.collision_scene import scene
+
+FAST = ("g1", "ur5", "panda", "go2", "anymal", "drawn 0", "drawn 1", "drawn 2")
+SLOW = ("talos", "icub", "romeo", "solo12", "ur3", "ur10", "kinova", "xarm7", "tiago", "tiago_pro", "drawn 3")
+Shapes = dict[int, list[tuple[Any, Any]]]
+
+
+def load(name: str) -> Any:
+    return drawn(int(name.split()[1])) if name.startswith("drawn") else hqp.robots.load(name)
+
+
+def drawn(seed: int) -> Any:
+    """A floating trunk with chains of capsules of drawn sizes, axes and ranges, whose capsules are the shapes."""
+    rng, model = np.random.default_rng(seed), pin.Model()
+    body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    capsules = [LinkCapsule("trunk", body, (0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.1)]
+    model.appendBodyToJoint(body, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    joints = [pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ]
+    for chain in range(3):
+        turn = 2.0 * math.pi * chain / 3.0 + rng.uniform(-0.3, 0.3)
+        place = 0.22 * np.array([math.cos(turn), math.sin(turn), rng.uniform(-1.0, 1.0)])
+        parent = body
+        for k in range(rng.integers(3, 6)):
+            length, name = rng.uniform(0.05, 0.3), f"chain{chain}_{k}"
+            high = rng.uniform(0.3, 2.8)
+            parent = model.addJoint(
+                parent, joints[rng.integers(3)](), pin.SE3(np.eye(3), place), name, np.full(1, 50.0), np.full(1, 3.0),
+                np.full(1, -high), np.full(1, high),
+            )  # fmt: skip
+            model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+            model.addFrame(pin.Frame(name, parent, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+            along = rng.normal(size=3) * (1.0, 1.0, 0.3)
+            place = length * along / np.linalg.norm(along)
+            capsules.append(LinkCapsule(name, parent, (0.0,) * 3, tuple(place.tolist()), rng.uniform(0.02, 0.05)))
+    return hqp.robots.Robot(model, name=f"drawn {seed}").with_capsules(capsules)
+
+
+def capsule(c: LinkCapsule) -> tuple[Any, Any]:
+    a, b = np.array(c.a), np.array(c.b)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), b - a).matrix() if c.a != c.b else np.eye(3)
+    return coal.Capsule(c.radius, float(np.linalg.norm(b - a))), pin.SE3(turn, 0.5 * (a + b))
+
+
+def placed(pose: Any) -> Any:
+    return coal.Transform3s(pose.rotation, pose.translation)
+
+
+def touch(one: list[tuple[Any, Any]], two: list[tuple[Any, Any]], first: Any, second: Any) -> bool:
+    ask, result = coal.CollisionRequest(), coal.CollisionResult()
+    for (a, at), (b, to) in itertools.product(one, two):
+        result.clear()
+        if coal.collide(a, placed(first * at), b, placed(second * to), ask, result):
+            return True
+    return False
+
+
+def gap(one: LinkCapsule, two: LinkCapsule, first: Any, second: Any) -> float:
+    (a, at), (b, to) = capsule(one), capsule(two)
+    found = coal.distance(a, placed(first * at), b, placed(second * to), coal.DistanceRequest(), coal.DistanceResult())
+    return float(found)
+
+
+def configurations(robot: Any, rng: Any, count: int) -> list[Any]:
+    """Joint places at home, then drawn within their ranges, of a seed that the library does not use."""
+    low = np.where(np.isfinite(robot.lower), robot.lower, -math.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, math.pi)
+    data, found = robot.model.createData(), []
+    for q in (robot.home, *(robot.configuration(rng.uniform(low, high)) for _ in range(count))):
+        pin.forwardKinematics(robot.model, data, q)
+        found.append([pose.copy() for pose in data.oMi])
+    return found
+
+
+@pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_pairs_that_touch_have_a_row_and_needless_pairs_none(name: str) -> None:
+    """By coal on the shapes of the file: no row is violated at home; of the configurations of another draw that a
+    row excludes, shapes touch in some, or it excludes less than half of those with shapes apart; and pairs that touch
+    in most of those that their capsules exclude have a row.
+    """
+    robot = load(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        own = scene(CollisionAvoidance(), robot)
+    near = CollisionAvoidance().near(robot.state(robot.home))
+    assert all(n.distance >= n.clearance for n in near if n is not None)
+    shapes: Shapes = {}
+    if robot.description is None:
+        for c in robot.capsules:
+            shapes.setdefault(c.body, []).append(capsule(c))
+    else:
+        for item in robot.geometry.geometryObjects:
+            shapes.setdefault(item.parentJoint, []).append((item.geometry, item.placement))
+    places = configurations(robot, np.random.default_rng(7), 250)
+    rows, parents = {pair: float(c) for pair, c in zip(own.pairs, own.clearance, strict=True)}, robot.model.parents
+    rng, capsules = np.random.default_rng(8), robot.capsules
+    every = [
+        (i, j)
+        for i, j in itertools.combinations(range(len(capsules)), 2)
+        if len({capsules[i].body, capsules[j].body}) == 2
+        and parents[capsules[i].body] != capsules[j].body != parents[capsules[j].body]
+        and parents[capsules[j].body] != capsules[i].body
+    ]
+    for i, j in rng.permutation(every)[:60].tolist():
+        a, b = capsules[i].body, capsules[j].body
+        distances = np.array([gap(capsules[i], capsules[j], p[a], p[b]) for p in places])
+        if distances[0] <= 0.0 or touch(shapes[a], shapes[b], places[0][a], places[0][b]):
+            assert (i, j) not in rows
+            continue
+        least = rows.get((i, j), min(0.01, 0.8 * distances[0]))
+        excluded = [p for p, d in zip(places, distances, strict=True) if d < least]
+        if len(excluded) < 30:
+            assert (i, j) in rows or len(excluded) > 0
+            continue
+        touching = np.mean([touch(shapes[a], shapes[b], p[a], p[b]) for p in excluded[:80]])
+        share = len(excluded) / len(places)
+        if (i, j) in rows:
+            assert touching > 0.15 or share * (1.0 - touching) < 0.45 * (1.0 - share * touching)
+            assert touching > 0.0 or share < 0.3
+        else:
+            assert touching < 0.5
+
+
+def test_capsules_of_a_file_have_the_pairs_of_shipped_ones(tmp_path: Any) -> None:
+    """Capsules that were fitted to the robot's shapes are judged by these wherever they come from."""
+    robot = hqp.robots.load("ur5")
+    path = tmp_path / "ur5.capsules.toml"
+    path.write_text(capsule_files.text(robot, robot.capsules))
+    read = robot.copy().with_capsules(path)
+    given = robot.copy().with_capsules(robot.capsules)
+    assert scene(CollisionAvoidance(), read).pairs == scene(CollisionAvoidance(), given).pairs
+    assert scene(CollisionAvoidance(), read).pairs == scene(CollisionAvoidance(), robot).pairs
+    own = [c._replace(fitted=False) for c in robot.capsules]
+    assert len(scene(CollisionAvoidance(), robot.copy().with_capsules(own)).pairs) > len(
+        scene(CollisionAvoidance(), robot).pairs
+    )
