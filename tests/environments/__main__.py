@@ -57,11 +57,11 @@ def main() -> int:
             print(f"{name:20} skipped: no Python {about['python']} here")
             continue
         try:
-            told = resolved(about, python) if arguments.resolve else ran(name, about, python, arguments.folder, wheels)
+            text = resolved(about, python) if arguments.resolve else ran(name, about, python, arguments.folder, wheels)
         except subprocess.CalledProcessError as error:
             failed.append(name)
-            told = f"FAILED: {error.cmd[:6]}\n{(error.stdout or '')[-3000:]}{(error.stderr or '')[-3000:]}"
-        print(f"{name:20} {told}, {time.perf_counter() - start:.0f} s", flush=True)
+            text = f"FAILED: {error.cmd[:6]}\n{(error.stdout or '')[-3000:]}{(error.stderr or '')[-3000:]}"
+        print(f"{name:20} {text}, {time.perf_counter() - start:.0f} s", flush=True)
     return int(bool(failed))
 
 
@@ -126,8 +126,9 @@ def ran(name: str, about: dict[str, Any], python: str, folder: Path, wheels: dic
             plan = folder / "ur5.hqp"
             run(sys.executable, "-m", "tests.environments.plan", plan, *SHIFT, cwd=ROOT)
             return f"{run(inside, '-c', ALONE, plan, cwd=suite).strip()}, {linked(inside, plan, home / 'linked')}"
-        asked = (f"hqp[robots] @ file://{wheels[python]}", *about["requires"], "pytest", "pytest-timeout", "hypothesis")
-        run(inside, "-m", "pip", "install", *WHEELS, *asked)
+        named = (f"hqp[robots] @ file://{wheels[python]}", *about["requires"], "pytest", "pytest-timeout", "hypothesis")
+        sources = [option for package in about.get("sources", ()) for option in ("--no-binary", package)]
+        run(inside, "-m", "pip", "install", *WHEELS, *sources, *named)
         run(inside, "-m", "pip", "check")
         doctor = subprocess.run([inside, "-m", "hqp", "doctor"], capture_output=True, text=True, check=False, cwd=suite)
         if "Traceback" in doctor.stderr:
