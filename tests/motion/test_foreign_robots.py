@@ -20,7 +20,12 @@ from .people import stand
 
 mujoco = pytest.importorskip("mujoco")
 
-TURNS = {"up": "1 0 0 0", "ahead": "0.7071068 0 0.7071068 0", "down": "0 1 0 0", "aslant": "0.9238795 0.3826834 0 0"}
+TURNS = {
+    "up": "1 0 0 0",
+    "ahead": "0.7071068 0 0.7071068 0",
+    "down": "0 1 0 0",
+    "aslant": "0.9238795 0.2296101 0.3061467 0",
+}
 """Rotations of the feet's bodies, wxyz; their shapes stay level."""
 
 
@@ -99,6 +104,9 @@ def test_soles_are_at_the_lowest_shapes(tmp_path: Path, turn: str, drop: float) 
     for side, y in (("left", 0.1), ("right", -0.1)):
         np.testing.assert_allclose(body.places[f"{side}_sole"], [0.03, y, 0.0], atol=1e-4)
         np.testing.assert_allclose(body.toes[side], [0.11, 0.0, 0.0], atol=1e-4)
+        assert [round(x, 6) for x in found.offsets[f"{side}_sole"]] == [
+            *found.offsets[f"{side}_sole"]
+        ]  # um in its file
 
 
 @pytest.mark.slow

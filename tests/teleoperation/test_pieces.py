@@ -12,10 +12,10 @@ import pytest
 import hqp
 from hqp import Follow
 from hqp.errors import DeclarationError
-from hqp.tasks import JointLimits, Pose, Position
+from hqp.tasks import JointLimits, Orientation, Pose, Position, Posture
 from hqp.teleoperation.pursuit import Pursuit
 from hqp.teleoperation.spaces import Space
-from hqp.teleoperation.track import Cubic, Sample
+from hqp.teleoperation.track import ABRUPT, SLACK, Cubic, Sample, Track
 
 VECTOR = Space(Position(frame="tool0"))
 
@@ -94,3 +94,27 @@ def test_a_clutch_that_closes_in_a_tick_without_a_state_takes_the_reference() ->
         assert np.isfinite(found.value).all()
         assert np.abs(found.value - first).max() < 0.1
     assert math.dist(found.value[:3, 3], first[:3, 3]) > 0.01
+
+
+@pytest.mark.parametrize(
+    ("element", "turning"),
+    [
+        (Position(frame="tool0"), [False] * 3),
+        (Orientation(frame="tool0"), [True] * 3),
+        (Pose(frame="tool0"), [False] * 3 + [True] * 3),
+        (Posture(), [True] * 3),
+    ],
+)
+def test_rows_that_turn_are_those_in_radians(element: Any, turning: list[bool]) -> None:
+    assert Space(element).turns(len(turning)).tolist() == turning
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_hand_reaches_what_an_abrupt_acceleration_reaches(share: float) -> None:
+    """A resting hand, then a packet off by share (slack + a tau^2 / 2): taken inside, a rival outside."""
+    track, tau = Track(VECTOR, (1.0, 1.0)), 0.05
+    for k in range(10):
+        assert track.take(Sample(0.01 * k, np.zeros(3))) == 0.0
+    off = share * (SLACK[0] + 0.5 * ABRUPT[0] * tau**2)
+    found = track.take(Sample(0.09 + tau, np.array([0.0, off, 0.0])))
+    assert found == (0.0 if share < 1.0 else pytest.approx(off))

@@ -12,7 +12,8 @@ import pytest
 import hqp.robots
 from hqp import Status
 from hqp.walking import Walker
-from hqp.walking.walker import SAG
+from hqp.walking.swing import Swing
+from hqp.walking.walker import CORRECTION, CREEPS, LAST, SAG
 
 DT = 0.004
 
@@ -91,6 +92,22 @@ def test_the_sum_of_errors_grows_within_the_sole_and_stops_at_its_edge(robot: An
         walker.step(walker.robot.state(q, v))
         assert walker.edge
         assert np.all(walker._sum == before)
+
+
+def test_a_goal_creeps_shortly_before_the_landing(robot: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    walker, seen, move = made(robot), [], Swing.retarget
+
+    def recorded(swing: Swing, goal: Any, fastest: float, dt: float) -> None:
+        seen.append((walker._T - walker._t, fastest))
+        move(swing, goal, fastest, dt)
+
+    monkeypatch.setattr(Swing, "retarget", recorded)
+    walker.go(forward=0.1)
+    for _ in zip(on_its_model(walker), range(round(3.0 / DT)), strict=False):
+        if seen and walker.phase != "swing":
+            break
+    assert {fastest for left, fastest in seen if left > LAST + 1e-9} == {CORRECTION}
+    assert {fastest for left, fastest in seen if left < LAST - 1e-9} == {CREEPS}
 
 
 def test_the_height_makes_up_for_a_sagging_com(robot: Any) -> None:

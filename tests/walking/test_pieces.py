@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from itertools import pairwise
 from typing import Any
@@ -26,7 +27,8 @@ from hqp.walking import (
     natural_frequency,
 )
 from hqp.walking.footsteps import LEFT, RIGHT, rotation
-from hqp.walking.swing import FOLLOWS, HASTENS, LEAD
+from hqp.walking.stacks import Laws
+from hqp.walking.swing import FOLLOWS, HASTENS, LEAD, RISE
 
 REACH = Reach(forward=0.3, least=0.12, most=0.35, turn=0.4)
 STEPS = Footsteps(period=0.75, width=0.17, reach=REACH)
@@ -235,6 +237,31 @@ def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, An
     assert np.all(x[:, [0, 1, 3]] <= (high + 1e-9)[[0, 1, 3]])
     assert x[:, 2].max() == pytest.approx(max(start[2], goal[2]) + 0.05, abs=2e-3)
     assert x[:, 2].min() > low[2] - 5e-3
+
+
+@settings(max_examples=15)
+@given(swings(), st.floats(0.003, 0.012))
+def test_two_half_ticks_are_one_tick(made: tuple[Swing, Any, Any], dt: float) -> None:
+    """Until the landing the path does not depend on the period, over its top either."""
+    one, two = made[0], copy.deepcopy(made[0])
+    while one.left > LEAD + 2.0 * dt:
+        whole = one.step(dt)
+        two.step(0.5 * dt)
+        for found, expected in zip(two.step(0.5 * dt), whole, strict=True):
+            np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_a_foot_is_at_rest_without_acceleration_at_its_top() -> None:
+    for after in (-1e-6, 1e-6):
+        swing = Swing(np.zeros(4), np.array([0.2, 0.0, 0.0, 0.0]), 0.5, 0.05)
+        x, v, a = swing.step(RISE * swing.duration + after)
+        assert (x[2], v[2], a[2]) == (pytest.approx(0.05), pytest.approx(0.0, abs=1e-4), pytest.approx(0.0, abs=1e-3))
+
+
+def test_the_laws_of_a_walk_are_critically_damped() -> None:
+    laws = Laws()
+    for law in (laws.height, laws.swing, laws.trunk, laws.posture):
+        assert law.kd == pytest.approx(2.0 * math.sqrt(law.kp), rel=0.03)
 
 
 def test_a_goal_that_moves_late_is_followed_without_a_jump() -> None:

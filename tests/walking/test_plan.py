@@ -6,6 +6,8 @@ import os
 import pty
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from hqp.__main__ import main
 from hqp.errors import DeclarationError
 from hqp.walking import Gait, Walker
 from hqp.walking.keys import Keys
+from hqp.walking.plan import _loads
 
 
 def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
@@ -50,6 +53,16 @@ def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
         motion.save(tmp_path / "walk.csv")
     with pytest.raises(DeclarationError, match="fps"):
         walker.plan(1.0, fps=0.0)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize(("height", "share"), [(0.1, 0.0), (0.0, 0.1)])
+def test_a_swing_foot_on_the_ground_takes_a_tenth_of_the_weight(side: int, height: float, share: float) -> None:
+    part: Any = SimpleNamespace
+    feet, holds = [part(frame="left"), part(frame="right")], [part(z=0.0), part(z=0.0)]
+    walker = part(weight=100.0, phase="swing", stance=1 - side, feet=feet, holds=holds)
+    found = _loads(walker, part(position=lambda frame: np.array([0.0, 0.0, height])))
+    assert (found[side], found[1 - side]) == (100.0 * share, 100.0 * (1.0 - share))
 
 
 def test_the_command_writes_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

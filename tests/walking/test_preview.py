@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hqp.walking import Command, Gait, Reach
-from hqp.walking.preview import QUICK, TURNS, Ability
+from hqp.walking.preview import COMFORT, QUICK, TURNS, Ability
 
 ABLE = Ability(
     gait=Gait(), reach=Reach(forward=0.26, least=0.12, most=0.3, turn=0.4), width=0.2, height=0.65, gravity=9.81
@@ -44,3 +45,13 @@ def test_fast_walks_take_quicker_steps_not_longer_ones() -> None:
     fastest, _ = ABLE.allowed(Command(10.0, 0.0, 0.0))
     assert fastest.forward > 1.3 * ABLE.reach.forward / ABLE.gait.period
     assert ABLE.haste(fastest) < 0.75 < ABLE.haste(Command(0.05, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("share", [1.1, 1.3])
+@pytest.mark.parametrize("aside", [False, True])
+def test_steps_longer_than_comfortable_become_as_much_quicker(share: float, aside: bool) -> None:
+    """A step within the gait's time would take ``share`` of the comfortable part of the reach."""
+    T, reach = ABLE.gait.period, ABLE.reach
+    most = 0.5 * (reach.most - ABLE.width) if aside else reach.forward
+    speed = -share * COMFORT * most / T
+    assert ABLE.haste(Command(left=speed) if aside else Command(forward=speed)) == pytest.approx(1.0 / share)
