@@ -246,7 +246,7 @@ class Callbacks:
 
     @np.errstate(all="ignore")
     def judge(self, counts: tuple[int, int, int, bool]) -> Told:
-        """The answer where that of the native solver is no optimum."""
+        """The answer if that of the native solver is no optimum."""
         workspace: Any = self._workspace
         return self._told(workspace.answer(self._program.problem, counts))
 

@@ -212,7 +212,7 @@ class Compiler:
         return known
 
     def compile(self, stack: Stack) -> Compiled:
-        """Everything that a stack needs, from the cache where it was seen before."""
+        """Compile a stack, or take it from the cache."""
         try:
             known = self._seen.pop(stack, None)
         except TypeError:  # an element of the user's own with a field that has no hash

@@ -28,7 +28,6 @@ from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:
     from hqp.declare.law import Law
-    from hqp.declare.stack import Stack
     from hqp.loop.compiled import Compiled, Compiler
     from hqp.loop.way import Waypoint
     from hqp.sequence import Sequence

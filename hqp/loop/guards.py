@@ -136,13 +136,13 @@ def _joints(robot: Robot, q: Vec) -> tuple[str, ...]:
 
 
 PERIODS, DRIVE = 3.0, 0.05
-"""A command shows in the motion of its joint after so many periods and the lag of a drive [s] (20 rad/s, 3 Hz)."""
+"""Delay from a command to the motion of its joint: periods, and the lag of a drive [s] (20 rad/s, 3 Hz)."""
 
 
 def state_bounds(robot: Robot, bounds: StateBounds, max_age: float | None) -> dict[str, Any]:
-    """Numbers beyond which a state is refused, ``(nv,)`` each, and how old it may be [s].
+    """Bounds of accepted states, ``(nv,)`` each, and their largest age [s].
 
-    ordinary: a valid state whose squares sum up to less has nothing wrong with it.
+    ordinary: sum of squares below which every number is within its bounds.
     """
     if max_age is not None:
         positive("session", "max_age", max_age)
@@ -163,7 +163,7 @@ def state_bounds(robot: Robot, bounds: StateBounds, max_age: float | None) -> di
 
 
 def motor_limits(robot: Robot, stack: Stack, kind: str, turns: Mask) -> dict[str, Any]:
-    """Limits of the model that every command is checked against after the solver, one over each, 0 for none.
+    """Inverse limits of the model, to which commands are held after the solver, 0 for none.
 
     The speed of each motor [rad/s, m/s]; at torque level ``OVERLOAD`` times its torque [N m, N], none for motors too
     weak to hold the robot at home (``hqp.torque.motors``).  turns: mask of rotational coordinates ``(nv,)``.
@@ -196,7 +196,7 @@ def following(robot: Robot, dt: float, max_age: float, turns: Mask) -> dict[str,
 
 
 def rate_limits(robot: Robot, limits: RateLimits | None, kind: str, dt: float) -> list[float] | None:
-    """One over the largest change of each motor's command in a tick, None where nothing is declared for it.
+    """Inverse of the largest change of each motor's command in a tick, None without a declared limit.
 
     Raises DeclarationError for a sequence of another length than the command's.
     """

@@ -18,7 +18,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,9 +30,6 @@ from hqp.declare.stack import Level, Stack, coupled
 from hqp.errors import DeclarationError
 from hqp.problem import Selection
 from hqp.programs.formulation import Program
-
-if TYPE_CHECKING:
-    from hqp.declare.robot import Robot
 
 
 def surviving(before: Stack, after: Stack) -> tuple[str, ...]:
@@ -212,7 +209,7 @@ def _stop(
 
 
 def eased(before: tuple[Waypoint, Ready], after: tuple[Waypoint, Ready], *, released: bool) -> dict[str, Any] | None:
-    """The rows that only one stack of a pair has, None where the stacks differ in more than these.
+    """The rows that only one stack of a pair has, None if the stacks differ in more than these.
 
     A contact that comes is where it is to be.
     """
@@ -226,7 +223,7 @@ def eased(before: tuple[Waypoint, Ready], after: tuple[Waypoint, Ready], *, rele
 
 
 def added(before: Stack, after: Stack) -> tuple[str, ...]:
-    """Equalities on motion that one stack has and another one does not, () where they differ in anything else."""
+    """Equalities on motion that ``after`` adds to ``before``, () if the stacks differ in anything else."""
     new = {e.name: e for e in after if e.name not in before}
     if not new or not all(e.equality and e.quantity == "motion" for e in new.values()):
         return ()

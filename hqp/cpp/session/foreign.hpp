@@ -25,13 +25,13 @@ class Foreign {
   bool judges = false;  // answers of a native solver that are no optimum
   bool failed = false;  // an element has a fault since fill() or write()
 
-  // All rows, but for those of elements that are left out; why the dynamics fail, null where they do not.
+  // Fill all rows except those of left out elements; return the reason if the dynamics fail, else null.
   virtual const char* fill(const std::vector<bool>& left_out) = 0;
   virtual void write() = 0;
   virtual Fault fault(std::size_t member) = 0;
-  // Elements that are to be out, less those that have to stay; why these have to, null where all may go.
+  // Move the elements that must stay from `out` to `stay`; return the reason, or null if all may leave.
   virtual const char* supported(std::vector<bool>& out, std::vector<bool>& stay) = 0;
-  // These elements are out from now on.
+  // Leave these elements out from now on.
   virtual void go_without(const std::vector<bool>& out) = 0;
   virtual Answered solve() = 0;
   virtual Answered judge(const Solved& found) = 0;

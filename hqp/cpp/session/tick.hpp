@@ -98,11 +98,11 @@ struct Note {
   const char* element = "";
   Status status = Status::kOptimal;
   Cause cause = Cause::kSolver;
-  const char* where = "";                          // the row, joint, limit or unit, where there is one
-  double amount = 0.0, allowed = 0.0, most = 0.0;  // allowed: at least, where there is a most
+  const char* where = "";                          // the row, joint, limit or unit, "" for none
+  double amount = 0.0, allowed = 0.0, most = 0.0;  // allowed: the least, if `most` is given
   bool left_out = false;                           // left out of this tick
   int row = 0;                                     // row of the element
-  // Rows of subject_to that are off, the worst first, and how many there are; 0 where they have no names.
+  // Violated rows of subject_to, the worst first, and their count; 0 for rows without names.
   NotedRow rows[3] = {};
   int row_count = 0;
 
