@@ -173,6 +173,7 @@ class UpperBodySession:
             (stack.find(name) if name in stack else None) for name in ("balance", "trunk", "posture")
         )
         self._sent: tuple[Vec, Vec] | None = None
+        self._home: Vec = self.robot.state(self.robot.home).angles[self.columns].copy()
 
     def step(
         self, state: State, *references: Reference, loads: Mapping[str, float] | Sequence[float] = (),
@@ -180,7 +181,8 @@ class UpperBodySession:
     ) -> UpperBodyTick:  # fmt: skip
         """One tick of a measured state, with references of its elements, such as ``follow.reference(state)``.
 
-        loads: mass in each hand [kg], in order or by frame.  Raises as ``Session.step``.
+        loads: mass in each hand [kg], in order or by frame.  Without a valid state the joints sent last come to rest,
+        and their torque holds them.  Raises as ``Session.step``.
         """
         carried = loads if isinstance(loads, Mapping) else dict(zip((e.frame for e in self.loads), loads, strict=False))
         given = [*references, *(e.at(carried[e.frame]) for e in self.loads if e.frame in carried)]
@@ -188,9 +190,13 @@ class UpperBodySession:
         if not torque:
             state = self._commanded(state)
         tick = self.session.step(state, *given, now=now)
-        q, v = tick.advance()
-        angles = self.robot.state(q, v).angles[self.columns]
-        v = v[self.columns]
+        if tick.refused:
+            angles, _ = self._last(state)
+            v = np.zeros(angles.size) if torque else tick.x[self.columns]
+            angles = angles + self.session.dt * v
+        else:
+            q, v = tick.advance()
+            angles, v = self.robot.state(q, v).angles[self.columns], v[self.columns]
         self._sent = (angles, v)
         if not torque:
             return UpperBodyTick(angles, v, None, tick)
@@ -203,12 +209,18 @@ class UpperBodySession:
         if not state.valid:
             return state
         angles, v = np.array(state.angles), np.array(state.v)
-        sent = (angles[self.columns], np.zeros(self.columns.size)) if self._sent is None else self._sent
-        angles[self.columns], v[self.columns] = sent
+        angles[self.columns], v[self.columns] = self._last(state)
         q = self.robot.configuration(angles)
         if self.robot.floating:
             q[:7] = state.q[:7]
         return self.robot.state(q, v, time=state.time)
+
+    def _last(self, state: State) -> tuple[Vec, Vec]:
+        """Joints as last commanded; at first as measured, home for those that are not finite, at rest."""
+        if self._sent is not None:
+            return self._sent
+        angles = np.array(state.angles[self.columns])
+        return np.where(np.isfinite(angles), angles, self._home), np.zeros(angles.size)
 
     def begin(self) -> None:
         """Hand over at the next tick: the first command continues from the measured joints."""

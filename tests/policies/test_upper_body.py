@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import UpperBody
+from hqp import Status, UpperBody
 from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
@@ -164,6 +164,40 @@ def test_an_operator_leads_a_hand() -> None:
         v[arms.columns] = tick.velocities
         q = robot.integrate(q, v, DT)
     assert np.abs(hand.value(robot.state(q))[:3, 3] - goal[:3, 3]).max() < 2e-3
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("first", [0, 20])
+def test_without_a_valid_state_the_arms_come_to_rest_and_go_on(output: str, first: int) -> None:
+    """NaN and absurd states from the tick ``first`` on for 0.6 s: finite commands, joints that stay, then solved."""
+    robot = load("g1")
+    arms = made(robot, output)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goals = [np.array(hand.value(robot.state(q))) for hand in arms.hands]
+    for goal in goals:
+        goal[2, 3] += 0.1
+    bad, last = np.full((3, robot.nq), np.nan), None
+    bad[1], bad[2] = robot.home, robot.home
+    bad[1, robot.nq - 1], bad[2, 0] = np.nan, 1e7
+    for k in range(first + 65):
+        wrong = first <= k < first + 60
+        state = robot.state(bad[k % 3] if wrong else q, None if wrong else v)
+        tick = arms.step(state, *(h.at(goal) for h, goal in zip(arms.hands, goals, strict=True)))
+        assert (tick.tick.status is Status.INVALID_STATE) == wrong
+        for numbers in (tick.positions, tick.velocities, *(() if tick.torques is None else (tick.torques,))):
+            assert np.isfinite(numbers).all()
+        if wrong and last is not None and output != "positions":  # those carry a torque, too
+            assert np.abs(tick.positions - last).max() <= DT * np.abs(tick.velocities).max() + 1e-9
+        last = tick.positions
+        if not wrong:
+            v[arms.columns] = tick.velocities
+            q = robot.integrate(q, v, DT)
+        elif k > first + 30:
+            assert np.abs(tick.velocities).max() < 1e-9
+            if not first:
+                assert np.abs(tick.positions - robot.state(q).angles[arms.columns]).max() < (
+                    0.5 if output == "positions" else 1e-9
+                )
 
 
 def test_declared() -> None:
