@@ -213,8 +213,8 @@ ABLATIONS: tuple[Ablation, ...] = (
         {"hqp.solvers.stages.ROUNDED": 1e-14},
     ),
     Ablation(
-        "ACTIVITY_TOLERANCE 1e-9", "0", "50 ticks of G1's feet at the edge of their cones: warm beside cold [N m]",
-        partial(apart, "g1", 50), {"hqp.solvers.stages.ACTIVITY_TOLERANCE": 0.0},
+        "SOFTNESS 1e-5", "1e-11", "50 ticks of G1's feet at the edge of their cones: warm beside cold [N m]",
+        partial(apart, "g1", 50), {"hqp.solvers.lexicographic.SOFTNESS": 1e-11},
     ),
 )  # fmt: skip
 """Changes one by one: constants in ``change``, or the problem's ``eta``."""

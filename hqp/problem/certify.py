@@ -24,6 +24,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.problem import Hierarchy, Rows
+from hqp.problem.completion import HARD, chosen, unseen
 from hqp.problem.graded import is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.null_directions import without_rounding
@@ -42,7 +43,7 @@ from hqp.tolerances import (
 class Certificate:
     """Verdict on an answer.
 
-    gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, least norm) last.  Level k's is the
+    gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, choice) last.  Level k's is the
     projected gradient divided by r_k (r_k + max |w_k| + max_i sum_j |a_ij x_j|), r_k its largest row norm: about the
     relative error of x in the directions that the level determines well, and blind to the scale of a level; or, if that
     is more, the possible decrease of ||w_k|| along clear directions, relative to its terms. If its rows differ in
@@ -97,9 +98,14 @@ def certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
     problem = without_rounding(problem)
-    if problem.priced:
-        return _priced(problem, x, tolerance, stages, settled)
-    return _exact(problem, x, tolerance)
+    held = chosen(problem, x, HARD)  # a point within the rows, which has what the levels determine of x
+    found = _priced(problem, held, tolerance, stages, settled) if problem.priced else _exact(problem, held, tolerance)
+    if held is x:
+        return found
+    gaps = found.gaps.copy()
+    apart = float(np.linalg.norm(x - chosen(problem, x)))
+    gaps[-1] = max(gaps[-1], apart / (1.0 + float(np.linalg.norm(x))))
+    return replace(found, gaps=gaps)
 
 
 def _exact(problem: Hierarchy, x: Vec, tolerance: float, stop: int | None = None) -> Certificate:
@@ -201,7 +207,7 @@ def _verdict(
 
 
 def completion_gap(problem: Hierarchy, x: Vec, judge: Judge) -> tuple[float, int]:
-    """Gap of min (x - origin)' metric (x - origin), then of min ||x|| where the metric leaves a choice."""
+    """Gap of min (x - origin)' metric (x - origin), then of min ||x|| where levels see what the metric leaves."""
     offset = x if problem.origin is None else x - problem.origin
     size = 1.0 + float(np.abs(x).max(initial=0.0)) + float(np.abs(offset).max(initial=0.0))
     if problem.metric is None:
@@ -211,4 +217,5 @@ def completion_gap(problem: Hierarchy, x: Vec, judge: Judge) -> tuple[float, int
     before = judge.Z.shape[1]
     if longest > 0.0:
         judge.fix(problem.metric / longest)
+    judge.fix(unseen(problem).T)
     return max(gap, judge.judge(x, size)[0]), before - judge.Z.shape[1]

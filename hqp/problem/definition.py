@@ -22,7 +22,7 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, longest_row, right_vectors, row_lengths
 from hqp.problem import Hierarchy, Rows
-from hqp.problem.completion import completion
+from hqp.problem.completion import chosen, completion
 from hqp.problem.graded import best_step, pull
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, row_sizes, stack_rows
@@ -80,7 +80,7 @@ class Levels:
         for rows in completion(problem):
             x = self.level(rows, above, x, 0.0)
             above = above.with_rows(at_optimum(rows, x), UNNAMED)
-        return np.array([*points[1:], x])
+        return np.array([*points[1:], chosen(problem, x)])
 
     def level(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
         """The stage point of a level, from a point of S."""

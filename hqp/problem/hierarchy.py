@@ -197,6 +197,9 @@ class Stacked:
 class Hierarchy:
     """lexmin(||w_0||, ..., ||w_p||) over x, then min (x - origin)' metric (x - origin), ties: least ||x||.
 
+    Directions that a singular metric, the motion and the levels below the constraints do not see have a softer minimum
+    (hqp.problem.completion).
+
     levels: first is most important; the slack norm is the plain 2-norm of the rows as given.  constraints: number of
     leading levels that must hold exactly.  metric: ``(n, n)`` symmetric positive semidefinite, the identity by default.
     origin: ``(n,)``, zero by default.  n: number of variables, needed only if no dense level, metric or origin

@@ -13,6 +13,7 @@ import numpy as np
 from hqp.arrays import Mat, Signs, Vec
 from hqp.errors import DeclarationError, ProblemError, UnsupportedProblem
 from hqp.problem import EQUALITY, Hierarchy, Rows, Shape, Solution, Stats, Status
+from hqp.problem.completion import allowed
 from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 UNSURE = "a rank decision was uncertain"
@@ -146,7 +147,7 @@ Described: TypeAlias = tuple[tuple[Vec, ...], tuple[Signs, ...], bool]
 def describe(problem: Hierarchy, x: Vec) -> Described:
     """Compute the fields of a Solution from x."""
     residuals = problem.slacks(x)
-    return residuals, tuple(activity(rows, x) for rows in problem.levels), violated(problem, residuals)
+    return residuals, tuple(activity(rows, x) for rows in problem.levels), violated(problem, residuals, x)
 
 
 def finish(
@@ -182,10 +183,16 @@ def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs
     return marks
 
 
-def violated(problem: Hierarchy, residuals: tuple[Vec, ...]) -> bool:
-    """Return true if a row of the leading constraint levels is violated by more than VIOLATION_TOLERANCE."""
+def violated(problem: Hierarchy, residuals: tuple[Vec, ...], x: Vec) -> bool:
+    """Return true if a row of the leading constraint levels is violated at x by more than VIOLATION_TOLERANCE, and by
+    more than the completion may exceed it."""
+    off = [np.zeros(0)]
     for rows, w in zip(problem.levels[: problem.constraints], residuals, strict=False):
-        bound = np.where(w > 0.0, rows.upper, rows.lower)
-        if w.size and bool(np.any(np.abs(w) > VIOLATION_TOLERANCE * (1.0 + np.abs(np.where(w == 0.0, 0.0, bound))))):
-            return True
-    return False
+        bound = np.where(w > 0.0, rows.upper, np.where(w < 0.0, rows.lower, 0.0))
+        off.append(np.abs(w) - VIOLATION_TOLERANCE * (1.0 + np.abs(bound)))
+    return exceeded(problem, np.concatenate(off), x)
+
+
+def exceeded(problem: Hierarchy, off: Vec, x: Vec) -> bool:
+    """Return true if a row of the constraints is off by more than the completion may exceed it at x."""
+    return bool(np.any(off > 0.0)) and bool(np.any(off > allowed(problem, x)))

@@ -10,6 +10,7 @@ from typing import ClassVar
 from hqp.arrays import Vec
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.problem.certify import certificate
+from hqp.problem.completion import chosen
 from hqp.solvers.base import Solver, Workspace, check_fields
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner
@@ -95,10 +96,11 @@ def conclude(
         if refined.confirmed:
             status = Status.RANK_UNCERTAIN if refined.uncertain else Status.OPTIMAL
             detail = "a pivot is near rank_tolerance" if refined.uncertain else ""
-            return flat.finish(problem, refined.x, status, stats, detail)
+            return flat.finish(problem, chosen(problem, refined.x), status, stats, detail)
         uncertain = refined.uncertain
-        if certificate(problem, refined.x, accuracy).ok:
-            x = refined.x
+        if certificate(problem, better := chosen(problem, refined.x), accuracy).ok:
+            x = better
+    x = chosen(problem, x)
     verdict = certificate(problem, x, accuracy)
     if verdict.ok:
         return flat.finish(problem, x, Status.RANK_UNCERTAIN if uncertain else Status.OPTIMAL, stats)

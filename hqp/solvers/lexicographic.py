@@ -24,7 +24,7 @@ from hqp.solvers.flat import Flat
 from hqp.solvers.lazy import LazySolution
 from hqp.solvers.second_opinion import STUCK, second_opinion
 from hqp.solvers.stages import Kernel, StagedWorkspace, row_parts, stage_tolerances
-from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
+from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE, SOFTNESS
 
 try:
     _native: Any = importlib.import_module("hqp._lexicographic")
@@ -107,6 +107,7 @@ class Lexicographic(Solver):
             "deadline": self.deadline or 0.0,
             "max_iterations": self.max_iterations or 0,
             "max_failed_exchanges": self.max_failed_exchanges,
+            "softness": SOFTNESS,
         }
 
     def workspace(self, shape: Shape) -> Workspace:

@@ -1,5 +1,5 @@
-// Which of the points x + Z z is the answer where levels leave a choice: the shortest by the metric from the origin, of
-// these the shortest, without leaving the bounds of rows.
+// Which of the points x + Z z is the answer where levels leave a choice: the shortest from the origin, by the metric if
+// there is one, without leaving the bounds of rows. What the metric leaves is the soft choice (solver/soft_choice.hpp).
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@ class Choice {
         rows_(n, rows + n, 0, padded(n)),
         least_(n, rows + n, deadline) {
     const std::size_t all = static_cast<std::size_t>(n);
-    for (auto* part : {&Z_, &seen_, &stack_, &root_}) part->resize(all * all);
+    for (auto* part : {&Z_, &stack_, &root_}) part->resize(all * all);
     for (auto* part : {&z_, &step_, &target_}) part->resize(all);
     y_.resize(padded(n));
     a_.resize(static_cast<std::size_t>(rows) * all);
@@ -65,33 +65,18 @@ class Choice {
   // x, where the rows were added, to the answer; whether that was found.  metric (n, n), origin (n), or null.
   bool take(const double* metric, const double* origin, double* x) {
     std::fill(z_.begin(), z_.end(), 0.0);
-    bool reached = true, open = true;
-    for (int pass = metric ? 0 : 1, seen = 0; pass < 2 && open; ++pass) {
-      if (pass == 0) by_metric(metric, origin);
-      else by_length(metric ? nullptr : origin);
-      rows_.begin(at_, free_);
-      for (int q = 0; q < seen; ++q) rows_.add(kept(&seen_[static_cast<std::size_t>(q) * free_]));
-      for (const StageRow& row : bounds_) rows_.add(row);
-      at_.motion(z_.data(), y_.data());
-      if (!(reached = least_.solve(rows_, free_, y_.data()))) break;
-      at_.point(y_.data(), z_.data());
-      seen = at_.basis(true, seen_.data());
-      open = false;
-      for (int j = 0; j < free_; ++j) open = open || (!at_.moves(j) && !least_.determines(j));
-    }
+    if (!metric) by_length(origin);
+    else if (!by_metric(metric, origin)) return true;
+    rows_.begin(at_, free_);
+    for (const StageRow& row : bounds_) rows_.add(row);
+    at_.motion(z_.data(), y_.data());
+    if (!least_.solve(rows_, free_, y_.data())) return false;
+    at_.point(y_.data(), z_.data());
     add_rows(x, Z_.data(), n_, free_, 1.0, z_.data(), 1, n_);
-    return reached;
+    return true;
   }
 
  private:
-  StageRow kept(const double* a) const {
-    StageRow row;
-    row.a = a;
-    row.size = std::sqrt(dot_any(a, a, free_));
-    row.lower = row.upper = dot_any(a, z_.data(), free_);
-    return row;
-  }
-
   // Coordinates y in which |y|^2 / 2 is half the square of the length of x + Z z - origin.
   void by_length(const double* origin) {
     at_.resize(free_);
@@ -100,21 +85,27 @@ class Choice {
       target_[q] = -dot_any(Z_.data() + static_cast<std::size_t>(q) * n_, step_.data(), n_);
     at_.set(nullptr, target_.data(), 0);
   }
-  // The same of its length by the metric.
-  void by_metric(const double* metric, const double* origin) {
+  // The same of its length by the metric; false if that sees no direction.
+  bool by_metric(const double* metric, const double* origin) {
     at_.resize(free_);
     const int rank = metric_root(metric, n_, root_.data(), step_.data());
     away(origin);
     std::fill(stack_.begin(), stack_.end(), 0.0);
     std::fill(target_.begin(), target_.end(), 0.0);
+    bool sees = false;
     for (int i = 0; i < rank; ++i) {
       const double* a = &root_[static_cast<std::size_t>(i) * n_];
       double* b = &stack_[static_cast<std::size_t>(i) * free_];
       dots_any(a, Z_.data(), n_, free_, n_, b);
-      if (dot_any(b, b, free_) > kUnseen * kUnseen * dot_any(a, a, n_)) target_[i] = -dot_any(a, step_.data(), n_);
-      else std::fill(b, b + free_, 0.0);
+      if (dot_any(b, b, free_) > kUnseen * kUnseen * dot_any(a, a, n_)) {
+        target_[i] = -dot_any(a, step_.data(), n_);
+        sees = true;
+      } else {
+        std::fill(b, b + free_, 0.0);
+      }
     }
-    at_.set(stack_.data(), target_.data(), std::max(rank, 1));
+    if (sees) at_.set(stack_.data(), target_.data(), rank);
+    return sees;
   }
   void away(const double* origin) {
     for (int j = 0; j < n_; ++j) step_[j] = x_[j] - (origin ? origin[j] : 0.0);
@@ -127,7 +118,7 @@ class Choice {
   StageRows rows_;
   LeastDistance least_;
   std::vector<StageRow> bounds_;
-  std::vector<double> Z_, seen_, stack_, root_, z_, step_, target_, y_, a_;
+  std::vector<double> Z_, stack_, root_, z_, step_, target_, y_, a_;
 };
 
 }  // namespace HQP_ISA

@@ -50,6 +50,8 @@ class LevelSolve final : public SolveCall {
       stages_->levels()[k] = {level.m, level.A, level.index, level.scale, level.lower, level.upper};
     }
     stages_->bind(law_, {exact_.problem.metric, exact_.problem.origin});
+    exact_.problem.motion = has_prices_ ? law_.F : nullptr;
+    exact_.problem.motion_rows = has_prices_ ? law_.r : 0;
     values_.resize(exact_.ends()), marks_.resize(std::size_t(exact_.total()));
     for (const auto& [level, head] : heads_) bind(*head), head->reset(false);
     head_ = 0, bound_ = true;
@@ -60,7 +62,7 @@ class LevelSolve final : public SolveCall {
     for (std::size_t k = 1; k < count(); ++k) {
       if (!priced_[k]) continue;
       Options options = exact_.options;
-      options.multipliers = false, options.time_limit = limit_;
+      options.multipliers = false, options.time_limit = limit_, options.softness = 0.0;
       const auto& rows = exact_.rows();
       const std::vector<int> above(rows.begin(), rows.begin() + std::ptrdiff_t(k));
       heads_.emplace_back(static_cast<int>(k), std::make_unique<BoundKernel>(exact_.size(), above, metric_, options));
@@ -92,7 +94,7 @@ class LevelSolve final : public SolveCall {
     found = told(solve_exact());
     // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages only need
     // the levels without a price met.
-    const double* x = exact_.numbers().data();
+    const double* x = exact_.hard().data();
     const bool near = begins(found) || (found.outcome == kNotCertified && has_prices_ && stages_->unpriced_met(x));
     if (near && follow(x, 0) >= 0) found.outcome = kUnsettled;
     return found;
@@ -127,10 +129,20 @@ class LevelSolve final : public SolveCall {
     if (std::exchange(shortened_, false)) exact_.limit(limit_);
     return answer;
   }
+  // The stages from x, an answer of the exact kernel or another.
+  int follow_from(const double* x) {
+    std::vector<double>& hard = exact_.hard();
+    if (!std::equal(x, x + hard.size(), exact_.numbers().begin())) {
+      std::copy(x, x + hard.size(), hard.begin());
+      exact_.choose(hard.data(), true);
+    }
+    return follow(hard.data(), 0);
+  }
   // See PricedStages::solve.
   int follow(const double* x, int head) {
     if (!has_prices_) return -1;
     const int first = stages_->solve(x, head, left(), points_.data(), end_.data());
+    if (first >= 0 && stages_->ended()) exact_.choose(end_.data(), false);
     staged_ = first >= 0 && stages_->ended();
     source_ = first < 0 || (staged_ && x) ? head : kNone;
     head_ = std::max(first, 0);
@@ -142,7 +154,7 @@ class LevelSolve final : public SolveCall {
   std::vector<double>& end() { return end_; }
   // Write slacks and marks of all rows at x; return true if a constraint is violated.
   bool describe(const double* x, double* slack, std::int8_t* marks) {
-    return stages_->describe(x, exact_.problem.constraints, slack, marks);
+    return stages_->describe(x, exact_.problem.constraints, exact_.allowed(x), slack, marks);
   }
   // The level above which all are settled, for the next solve; 0 if unknown.
   int head() const { return head_; }

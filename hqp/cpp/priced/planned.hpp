@@ -15,6 +15,7 @@ Options options_of(const Plan& p) {
   options.time_limit = p.number("deadline");
   options.max_iterations = p.integer("max_iterations");
   options.exchanges = p.integer("max_failed_exchanges");
+  options.softness = p.number("softness");
   return options;
 }
 template <class Plan>

@@ -161,7 +161,7 @@ class StageLevels final : public PricedStages {
     return first;
   }
 
-  bool describe(const double* x, int constraints, double* slacks, std::int8_t* marks) override {
+  bool describe(const double* x, int constraints, const double* allowed, double* slacks, std::int8_t* marks) override {
     bool violated = false;
     for (std::size_t k = 0; k < level_.size(); ++k) {
       const PricedLevel& level = level_[k];
@@ -173,7 +173,8 @@ class StageLevels final : public PricedStages {
         *marks = low == high ? 2 : at_upper ? 1 : at_lower ? -1 : 0;
         if (static_cast<int>(k) < constraints && *slacks != 0.0)
           violated =
-              violated || std::abs(*slacks) > tolerances_.violation * (1.0 + std::abs(*slacks > 0.0 ? high : low));
+              violated || std::abs(*slacks) > tolerances_.violation * (1.0 + std::abs(*slacks > 0.0 ? high : low)) +
+                                                  (allowed ? allowed[first_[k] + i] : 0.0);
       }
     }
     return violated;

@@ -75,7 +75,8 @@ class PricedStages {
   // time after which a stage returns its current point, 0 for no limit.
   virtual int solve(const double* x, int head, double seconds, double* stages, double* last) = 0;
   // Write slacks and marks of all rows at x, see Solution; true if one of the first `constraints` levels is violated.
-  virtual bool describe(const double* x, int constraints, double* slack, std::int8_t* marks) = 0;
+  // allowed: by how much each of their rows may be, or null.
+  virtual bool describe(const double* x, int constraints, const double* allowed, double* slack, std::int8_t* marks) = 0;
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;                  // every stage reached its optimum
   virtual bool uncertain() const = 0;              // a stage met uncertain directions

@@ -128,15 +128,8 @@ class Line {
   }
 
   Answered answer(const Solved& found) {
-    if (found.outcome == kAskPython) return foreign_->solve();
-    if (found.outcome != kOptimal && foreign_ && foreign_->judges) return foreign_->judge(found);
-    BoundKernel& exact = solver()->exact();
-    if (found.outcome == kUnsettled) return unsettled();
-    const double* values = found.values ? found.values : exact.numbers().data();
-    const Status status = statuses()[found.outcome < 0 || found.outcome > 5 ? 3 : found.outcome];
-    Answered answer{status, values, values + n_, found.active ? found.active : exact.marks()};
-    answer.points = found.points, answer.point_count = found.point_count;
-    answer.iterations = found.iterations, answer.factorisations = found.factorisations;
+    Answered answer = answered(found);
+    if (solver()) answer.allowed = solver()->exact().allowed(answer.x);
     return answer;
   }
 
@@ -234,6 +227,18 @@ class Line {
     static constexpr Status all[] = {Status::kOptimal,      Status::kRankUncertain,  Status::kConstraintsViolated,
                                      Status::kNotCertified, Status::kIterationLimit, Status::kTimeLimit};
     return all;
+  }
+  Answered answered(const Solved& found) {
+    if (found.outcome == kAskPython) return foreign_->solve();
+    if (found.outcome != kOptimal && foreign_ && foreign_->judges) return foreign_->judge(found);
+    BoundKernel& exact = solver()->exact();
+    if (found.outcome == kUnsettled) return unsettled();
+    const double* values = found.values ? found.values : exact.numbers().data();
+    const Status status = statuses()[found.outcome < 0 || found.outcome > 5 ? 3 : found.outcome];
+    Answered answer{status, values, values + n_, found.active ? found.active : exact.marks()};
+    answer.points = found.points, answer.point_count = found.point_count;
+    answer.iterations = found.iterations, answer.factorisations = found.factorisations;
+    return answer;
   }
   // Answer of stages that ended early, or with constraints violated.
   Answered unsettled() {

@@ -27,17 +27,20 @@ struct Answered {
   const double* points = nullptr;  // stage points, null without stages
   std::size_t point_count = 0;
   int iterations = 0, factorisations = 0;
+  const double* allowed = nullptr;  // by how much rows of the constraints may be exceeded, null if by nothing
 };
 
 // Return true if slacks w (m) of an element's rows exceed rounding at these bounds; why: the largest slack, and the
-// worst rows if each has a name.  operation: it names rows that change, null for none.
-inline bool violated(const double* w, const double* lower, const double* upper, std::size_t m, double tolerance,
-                     const std::vector<std::string>& names, const Operation* operation, Note& why) {
+// worst rows if each has a name.  operation: it names rows that change, null for none.  allowed (m): further excess of
+// each row that counts as none, or null.
+inline bool violated(const double* w, const double* lower, const double* upper, const double* allowed, std::size_t m,
+                     double tolerance, const std::vector<std::string>& names, const Operation* operation, Note& why) {
   bool any = false;
   for (std::size_t i = 0; i < m; ++i) {
     NotedRow row{nullptr, std::fabs(w[i]), false, 0.0};
     if (row.amount > why.amount) why.amount = row.amount;
-    if (!(row.amount > tolerance * (1.0 + std::fmin(std::fabs(lower[i]), std::fabs(upper[i]))))) continue;
+    const double most = tolerance * (1.0 + std::fmin(std::fabs(lower[i]), std::fabs(upper[i])));
+    if (!(row.amount > most + (allowed ? allowed[i] : 0.0))) continue;
     any = true;
     if (names.size() != m) continue;
     row.name = names[i].c_str();
@@ -108,6 +111,7 @@ class Outgoing {
   bool take(const Answered& answer, const Before& before, Rest& rest, From&& from, const ContactWatch& contacts,
             const MotorLimits* motors, const double* v, const RateLimiter* limiter, double* x, const Tell& tell) {
     const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
+    allowed_ = answer.allowed;
     if (answer.status != Status::kOptimal) {
       const bool off = off_by(answer.slack, "", tell), out = leaves_box(answer.slack);
       const Status status = out ? std::max(answer.status, Status::kNotCertified) : answer.status;
@@ -142,6 +146,7 @@ class Outgoing {
   void rest(Rest& rest, From&& from, bool fit, std::int64_t held, Status why, const Before& before,
             const RateLimiter* limiter, double* x, const Tell& tell) {
     trend_.forget();
+    allowed_ = nullptr;
     if (fit || held == 1) rest.begin(from(), before.x, fit);
     if (!before.good && !fit) tell(Note{"session", why, Cause::kNoState});
     rest.next(x);
@@ -200,8 +205,9 @@ class Outgoing {
     for (const Part& part : parts_) {
       Note why{part.name.c_str(), Status::kConstraintsViolated, Cause::kOff, limit};
       const Level& level = levels_[std::size_t(part.level)];
-      if (!violated(slack + starts_[std::size_t(part.level)] + part.first, level.lower + part.first,
-                    level.upper + part.first, std::size_t(part.last - part.first), violation_, part.names,
+      const std::size_t first = starts_[std::size_t(part.level)] + std::size_t(part.first);
+      if (!violated(slack + first, level.lower + part.first, level.upper + part.first,
+                    allowed_ ? allowed_ + first : nullptr, std::size_t(part.last - part.first), violation_, part.names,
                     part.operation, why))
         continue;
       tell(why), any = true;
@@ -219,6 +225,7 @@ class Outgoing {
   Late late_;
   Trend trend_;
   std::vector<double> ahead_, first_, slack_;
+  const double* allowed_ = nullptr;  // of the latest answer
   std::vector<std::size_t> starts_;  // first row of each level
 };
 

@@ -126,9 +126,11 @@ class Batch {
         for (std::size_t from; (from = next.fetch_add(kChunk)) < count;)
           for (std::size_t i = from; i < std::min(from + kChunk, count); ++i) {
             hqp::Answer answer;
+            answer.hard = worker.hard.data();
             answer.x = x.data() + i * static_cast<std::size_t>(n_);
             answer.slack = slack.data() + i * total;
             answer.active = active.data() + i * total;
+            if (laws_[i].prices) problems_[i].motion = laws_[i].F, problems_[i].motion_rows = laws_[i].r;
             worker.kernel->reset(false);
             worker.kernel->solve(problems_[i], options_, answer);
             if (staged()) follow(worker, i, answer, points.data() + i * rows_.size() * static_cast<std::size_t>(n_));
@@ -160,7 +162,7 @@ class Batch {
   struct Worker {
     std::unique_ptr<hqp::Kernel> kernel;
     std::unique_ptr<hqp::PricedStages> stages;
-    std::vector<double> last;
+    std::vector<double> last, hard;
   };
 
   bool staged() const { return std::find(priced_.begin(), priced_.end(), 1) != priced_.end(); }
@@ -169,6 +171,7 @@ class Batch {
     const int levels = static_cast<int>(rows_.size());
     Worker worker;
     worker.kernel.reset(hqp::make_kernel(n_, levels, rows_.data(), metric_));
+    worker.hard.resize(static_cast<std::size_t>(n_));
     if (!staged()) return worker;
     const std::unique_ptr<bool[]> marks(new bool[priced_.size()]);
     std::copy(priced_.begin(), priced_.end(), marks.get());
@@ -195,10 +198,13 @@ class Batch {
     }
     stages.bind(laws_[i], {problem.metric, problem.origin});
     stages.reset();
-    if (stages.solve(answer.x, 0, 0.0, points, worker.last.data()) < 0) return;
+    if (stages.solve(worker.hard.data(), 0, 0.0, points, worker.last.data()) < 0) return;
     answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
     std::copy(worker.last.begin(), worker.last.end(), answer.x);
-    answer.unsure = stages.describe(answer.x, problem.constraints, answer.slack, answer.active) || answer.unsure;
+    if (stages.ended()) worker.kernel->choose(problem, options_, answer.x, false);
+    const double* allowed = worker.kernel->allowed(options_, answer.x);
+    answer.unsure =
+        stages.describe(answer.x, problem.constraints, allowed, answer.slack, answer.active) || answer.unsure;
     answer.iterations += stages.iterations();
   }
 

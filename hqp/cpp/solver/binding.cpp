@@ -172,7 +172,7 @@ class Workspace final : public hqp::SolveCall {
     const Lock lock(busy_);
     const double* from = sized(x, n_);
     const nb::gil_scoped_release release;
-    return core_.follow(from, 0) >= 0;
+    return core_.follow_from(from) >= 0;
   }
   bool unpriced_met(const Vector& x) { return core_.stages().unpriced_met(sized(x, n_)); }
   int head() const { return core_.head(); }

@@ -16,6 +16,7 @@ class BoundKernel {
     ends_ = static_cast<std::size_t>(n_) + total_;
     numbers_.resize(ends_ + static_cast<std::size_t>(total_) / sizeof(double) + 1);
     lambda_.resize(static_cast<std::size_t>(pairs_) + 1);
+    hard_.resize(static_cast<std::size_t>(n_));
     levels.resize(rows_.size());
   }
 
@@ -31,6 +32,7 @@ class BoundKernel {
       if (prices[k] != 0.0) answer.outcome = Outcome::invalid;
     if (answer.outcome == Outcome::invalid) return answer;
     answer.x = numbers_.data();
+    answer.hard = hard_.data();
     answer.slack = numbers_.data() + n_;
     answer.active = marks();
     answer.multipliers = options.multipliers ? lambda_.data() : nullptr;
@@ -47,6 +49,10 @@ class BoundKernel {
     answer.multipliers = lambda_.data();
     return kernel_->tell(problem, answer);
   }
+  // x (n) moves to the soft choice, or with `hard` to a point within the rows.
+  void choose(double* x, bool hard) { kernel_->choose(problem, options, x, hard); }
+  // By how much each row of the constraints may be exceeded at x, if it was chosen last; null if by nothing.
+  const double* allowed(const double* x) { return kernel_->allowed(options, x); }
   void reset(bool plain) { kernel_->reset(plain); }
   void keep(CarryOver& warm) { kernel_->keep(warm); }
 
@@ -56,6 +62,7 @@ class BoundKernel {
   const std::vector<int>& rows() const { return rows_; }
   std::size_t ends() const { return ends_; }           // end of x and slacks in numbers(), start of the marks
   std::vector<double>& numbers() { return numbers_; }  // x, slacks, and the marks as bytes behind them
+  std::vector<double>& hard() { return hard_; }        // (n,) x before the soft choice
   std::int8_t* marks() { return reinterpret_cast<std::int8_t*>(numbers_.data() + ends_); }
   std::vector<double>& multipliers() { return lambda_; }
 
@@ -65,7 +72,7 @@ class BoundKernel {
   int total_ = 0, pairs_ = 0;
   std::unique_ptr<Kernel> kernel_;
   std::size_t ends_ = 0;
-  std::vector<double> numbers_, lambda_;
+  std::vector<double> numbers_, lambda_, hard_;
 };
 
 }  // namespace hqp

@@ -3,16 +3,16 @@
 
 #include "active_set.hpp"
 #include "kernel.hpp"
+#include "soft_choice.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kActive = 1e-9;    // a row is active this near its bound, relative to 1 + |bound|
-constexpr double kViolated = 1e-8;  // a constraint is violated above this slack, relative to 1 + |bound|
+constexpr double kActive = 1e-9;  // a row is active this near its bound, relative to 1 + |bound|
 
 class Lexicographic final : public Kernel {
  public:
-  Lexicographic(int n, int levels, const int* m, bool metric) : n_(n) {
+  Lexicographic(int n, int levels, const int* m, bool metric) : n_(n), choice_(n, sum(levels, m), metric), x_(n) {
     int* sizes = static_cast<int*>(std::malloc(sizeof(int) * (static_cast<std::size_t>(levels) + 3)));
     if (!sizes) throw std::bad_alloc();
     set_.layout(arena_, n, levels, m, sizes, metric);
@@ -38,8 +38,22 @@ class Lexicographic final : public Kernel {
     answer.iterations = state_.iterations;
     answer.factorisations = state_.problem.factorisations;
     answer.judged = set_.judged;
-    report(problem, answer);
+    std::copy(state_.point.x, state_.point.x + n_, x_.begin());
+    if (answer.hard) std::copy(x_.begin(), x_.end(), answer.hard);
+    const bool ended = answer.outcome <= Outcome::rank_uncertain;
+    const bool chosen = ended && choice_.take(problem, options.softness, x_.data());
+    const double* values = state_.values();
+    if (chosen) state_.problem.table.product(x_.data(), state_.point.v), values = state_.point.v;
+    state_.point.current = state_.point.current && !chosen;
+    report(problem, values, chosen ? allowed(options, x_.data()) : nullptr, answer);
     if (answer.multipliers) multipliers(problem, answer);
+  }
+
+  void choose(const Problem& problem, const Options& options, double* x, bool hard) override {
+    choice_.take(problem, options.softness, x, hard);
+  }
+  const double* allowed(const Options& options, const double* x) override {
+    return choice_.allowed(options.softness, x);
   }
 
   bool tell(const Problem& problem, Answer& answer) override {
@@ -52,13 +66,21 @@ class Lexicographic final : public Kernel {
   ActiveSet set_;
   SearchState& state_ = set_.state;
   int n_;
+  SoftChoice choice_;
+  std::vector<double> x_;  // (n,) the answer
   bool told_ = false;
 
-  // Slack and activity of every row from (problem, x) alone.
-  void report(const Problem& problem, Answer& answer) {
+  static int sum(int levels, const int* m) {
+    int total = 0;
+    for (int k = 0; k < levels; ++k) total += m[k];
+    return total;
+  }
+
+  // Slack and activity of every row from (problem, x) alone.  values: of the table's rows at x.  allowed: by how much a
+  // row of the constraints may be exceeded, or null.
+  void report(const Problem& problem, const double* values, const double* allowed, Answer& answer) {
     const Table& t = state_.problem.table;
-    for (int i = 0; i < n_; ++i) answer.x[i] = state_.point.x[i];
-    const double* values = state_.values();
+    for (int i = 0; i < n_; ++i) answer.x[i] = x_[i];
     int out = 0;
     bool violated = false;
     for (int k = 0; k < problem.count; ++k) {
@@ -74,7 +96,8 @@ class Lexicographic final : public Kernel {
         else if (u < kInfinity && a >= u - kActive * (1.0 + std::fabs(u))) answer.active[out] = kUpper;
         else answer.active[out] = l > -kInfinity && a <= l + kActive * (1.0 + std::fabs(l)) ? kLower : kFree;
         if (constraint && w != 0.0)
-          violated = violated || std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l));
+          violated = violated ||
+                     std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l)) + (allowed ? allowed[out] : 0.0);
       }
     }
     answer.unsure = set_.settled && answer.outcome == Outcome::optimal;
@@ -85,8 +108,7 @@ class Lexicographic final : public Kernel {
 
   double box_value(const Level& level, int i) const {
     const Table& t = state_.problem.table;
-    return level.A ? t.single_scale[i] * state_.point.x[t.single_index[i]]
-                   : level.scale[i] * state_.point.x[level.index[i]];
+    return level.A ? t.single_scale[i] * x_[t.single_index[i]] : level.scale[i] * x_[level.index[i]];
   }
 
   // lambda_kj of the last working set: the adjoint sweep of level k, and the remaining gradient on the box.

@@ -9,8 +9,9 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 // Pivoted Cholesky: metric (n, n) = rows' rows, stopped at 1e-10 of the largest entry; the number of rows (n, n), -1 if
-// the metric is not finite.  left (n): to work in.
-static inline int metric_root(const double* metric, int n, double* rows, double* left) {
+// the metric is not finite.  left (n): to work in, negative for a variable that is a pivot.  pivots (n): the variable
+// of each row's pivot, which the rows below it do not have; or null.
+static inline int metric_root(const double* metric, int n, double* rows, double* left, int* pivots = nullptr) {
   double largest = 0.0;
   for (int i = 0; i < n; ++i) {  // left: remainder of the diagonal, -1 for a pivot
     const double* row = metric + static_cast<std::ptrdiff_t>(i) * n;
@@ -36,6 +37,7 @@ static inline int metric_root(const double* metric, int n, double* rows, double*
       if (left[j] >= 0.0) left[j] = larger(left[j] - row[j] * row[j], 0.0);
     }
     left[p] = -1.0;
+    if (pivots) pivots[rank] = p;
   }
   return rank;
 }

@@ -21,6 +21,8 @@ struct Problem {
   int constraints = 0;
   const double* metric = nullptr;  // (n, n) or null
   const double* origin = nullptr;  // (n,) or null
+  const double* motion = nullptr;  // (motion_rows, n) that levels with a price pay for
+  int motion_rows = 0;
 };
 
 struct Options {
@@ -31,6 +33,7 @@ struct Options {
   int max_iterations = 0;   // automatic if zero
   int exchanges = 3;
   bool multipliers = false;
+  double softness = 0.0;  // see soft_choice.hpp, 0: rows are kept to their bounds
 };
 
 enum class Outcome : int {
@@ -46,6 +49,7 @@ enum class Outcome : int {
 // Destination of the solution; the arrays are the caller's.
 struct Answer {
   double* x = nullptr;            // (n,)
+  double* hard = nullptr;         // (n,) x before the soft choice, which stages begin at; null if not requested
   double* slack = nullptr;        // (sum m,)
   std::int8_t* active = nullptr;  // (sum m,)
   double* multipliers = nullptr;  // level k after level k - 1, (m_0 + ... + m_k) each; null if not requested

@@ -1,0 +1,107 @@
+"""What no level determines: a strictly convex choice, the same by every path, whose modulus bounds its motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import hqp
+from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
+from hqp.arrays import Mat, Vec
+from hqp.problem.completion import HARD, allowed, chosen, unseen
+from hqp.tolerances import SOFTNESS
+
+N, FREE = 9, 3
+
+
+def wedge(seed: int, priced: bool = False) -> tuple[Hierarchy, Mat]:
+    """Rows nearly opposed by 1e-11 to 1e-5 along three directions Z that metric, motion and task do not see.
+
+    The rows leave a point of length about 3 and, in a third of the problems, hold it at the apex.
+    """
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.normal(size=(N, N)))[0]
+    Z, seen = Q[:, :FREE], Q[:, FREE:]
+    normals = rng.normal(size=(4, N))
+    tilt = 10.0 ** rng.uniform(-11.0, -5.0)
+    A = np.concatenate([normals, -normals + tilt * rng.normal(size=normals.shape)])
+    inside = rng.normal(size=N)
+    room = np.abs(rng.normal(size=len(A))) * rng.choice([0.0, 1e-9, 1.0])
+    cones = Rows(A * 10.0 ** rng.uniform(-1.0, 1.0), np.full(len(A), -np.inf), np.zeros(len(A)))
+    cones = Rows(cones.A, cones.lower, cones.A @ inside + room)
+    F = rng.normal(size=(N - FREE, N - FREE)) @ seen.T
+    goal = rng.normal(size=N) * rng.choice([1.0, 1e3])
+    task = Rows(F[:3], F[:3] @ goal, F[:3] @ goal)
+    box = Rows(Selection(np.arange(N)), np.full(N, -5.0), np.full(N, 5.0))
+    prices = np.array([0.0, 0.0, 0.1]) if priced else None
+    motion = Motion(F) if priced else None
+    return Hierarchy((box, cones, task), constraints=2, metric=F.T @ F, prices=prices, motion=motion), Z
+
+
+def value(problem: Hierarchy, x: Vec) -> float:
+    """The function that the choice minimises, from the page."""
+    total = 0.5 * float(x @ x)
+    for k, rows in enumerate(problem.levels[: problem.constraints]):
+        A = rows.dense(problem.n)
+        off = rows.slack(x) / np.linalg.norm(A, axis=1) / (SOFTNESS * (1e-2 if k == 0 else 1.0))
+        total += 0.5 * float(off @ off)
+    return total
+
+
+@pytest.mark.parametrize("priced", [False, True])
+@pytest.mark.parametrize("seed", range(12))
+def test_every_path_ends_at_the_minimum(seed: int, priced: bool) -> None:
+    problem, Z = wedge(seed, priced)
+    assert np.linalg.norm(unseen(problem) @ unseen(problem).T - Z @ Z.T) < 1e-9
+    found = hqp.solvers.load("lexicographic").solve(problem)
+    x, size = found.x, 1.0 + float(np.abs(found.x).max())
+    assert found.status.solved
+    assert found.status is not Status.CONSTRAINTS_VIOLATED
+    assert certificate(problem, x, 1e-8, found.stage_points).ok
+    best = minimize(lambda z: value(problem, x + Z @ z), np.zeros(FREE), method="Powell", options={"xtol": 1e-12})
+    assert value(problem, x) <= best.fun * (1.0 + 1e-9)
+    assert np.abs(chosen(problem, x) - x).max() < 1e-9 * size
+    (many, _) = hqp.solve_many([problem, problem]).x
+    assert np.array_equal(many, x)
+    within = chosen(problem, x, HARD)  # another point that the levels leave
+    assert np.max(np.abs(np.concatenate([rows.slack(within) for rows in problem.levels[:2]]))) < 1e-8 * size
+    assert np.abs(chosen(problem, within) - x).max() < 1e-8 * size
+    off = np.concatenate([rows.slack(x) for rows in problem.levels[:2]])
+    assert np.all(np.abs(off) <= allowed(problem, x) + 1e-8)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_an_error_of_a_row_moves_it_by_its_modulus_at_most(seed: int) -> None:
+    problem, _ = wedge(seed)
+    rng, x = np.random.default_rng(seed), hqp.solvers.load("lexicographic").solve(problem).x
+    for error in (1e-9, 1e-6):
+        box, cones, task = problem.levels
+        off = error * np.linalg.norm(cones.dense(N), axis=1) * rng.choice([-1.0, 1.0], size=cones.m)
+        other = replace(problem, levels=(box, Rows(cones.A, cones.lower, cones.upper + off), task))
+        moved = float(np.linalg.norm(chosen(other, x) - chosen(problem, x)))
+        assert moved <= np.sqrt(cones.m) * error / (2.0 * SOFTNESS) + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_row_that_the_levels_violate_keeps_its_value(seed: int) -> None:
+    problem, _ = wedge(seed)
+    box, _, task = problem.levels
+    shut = Rows(np.ones((2, N)), np.array([-np.inf, 60.0]), np.array([55.0, np.inf]))  # out of the box, too
+    violated = replace(problem, levels=(box, shut, task))
+    found = hqp.solvers.load("lexicographic").solve(violated)
+    assert found.status is Status.CONSTRAINTS_VIOLATED
+    assert np.abs(shut.slack(chosen(violated, found.x + 0.0)) - shut.slack(found.x)).max() < 1e-6
+    assert np.abs(box.slack(found.x)).max() < 1e-6
+
+
+def test_a_level_that_sees_a_direction_decides_it() -> None:
+    problem, Z = wedge(0)
+    ask = Rows(Z.T, np.array([0.3, -0.2, 0.1]), np.array([0.3, -0.2, 0.1]))
+    free = Hierarchy((ask,), metric=problem.metric)
+    assert unseen(free).shape == (N, 0)
+    assert np.abs(Z.T @ hqp.solvers.load("lexicographic").solve(free).x - ask.lower).max() < 1e-9
+    one = Hierarchy((Rows(Z.T[:1], ask.lower[:1], ask.upper[:1]),), metric=problem.metric)
+    assert unseen(one).shape == (N, FREE - 1)
