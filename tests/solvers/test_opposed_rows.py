@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import Hierarchy, Rows, certificate
+from hqp import Hierarchy, Rows, Status, certificate
 from hqp.problem.definition import Levels, Limits
 from tests.scenes.priced import is_unsure
 from tests.scenes.stacks import scene
@@ -14,7 +14,10 @@ from tests.scenes.stacks import scene
 
 @pytest.mark.parametrize("name", ["talos", "g1"])
 def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
-    """The soles are rotated against each other by 1e-10 to 1e-6 rad, so that rows of their cones are nearly opposed."""
+    """The soles are rotated against each other by 1e-10 to 1e-6 rad, so that rows of their cones are nearly opposed.
+
+    Certain answers agree to 1e-6. Answers of uncertain rank differ by up to 1e-4, in the motion.
+    """
     session, given = scene(name, "torque")
     robot, solver = session.robot, hqp.solvers.load("lexicographic")
     q, v = robot.home.copy(), np.zeros(robot.nv)
@@ -23,7 +26,8 @@ def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
         assert tick.status.solved, (i, tick.notes)
         if i % 3 != 0:  # two of three: halves the time
             cold = solver.solve(session.problem)
-            assert np.abs(tick.x - cold.x).max() < 1e-6 * np.abs(cold.x).max(), i
+            near = 1e-6 if tick.status is cold.status is Status.OPTIMAL else 1e-3
+            assert np.abs(tick.x - cold.x).max() < near * np.abs(cold.x).max(), i
             assert certificate(session.problem, cold.x, 1e-8, cold.stage_points).ok or is_unsure(cold), i
         q, v = tick.advance()
 
