@@ -29,6 +29,10 @@ SINGLE = 1e-2
 """Softness of bounds on single variables, relative to that of other rows."""
 
 
+STILL = 1e-9
+"""Share of 1 + |z|: after a shorter step the rows that count as exceeded are certain."""
+
+
 def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
     """F ``(n, n)`` with F' F = metric, by pivoted Cholesky; zero rows where the metric is singular.
 
@@ -127,25 +131,28 @@ _SIDES = ("lower", "upper")
 def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:
     """argmin |z|^2 / 2 + |weight * excess of B z|^2 / 2, by Newton's method from z.
 
-    side: rows that count as exceeded. Behind a step that a stiff row ends, its excess is less than rounding.
+    side: rows that count as exceeded. The excess of a stiff row is less than rounding of its bound: the step tells it.
     """
     side = np.sign(B @ z - np.clip(B @ z, lower, upper))
     for _ in range(100):
-        out = side != 0.0
+        value, out = B @ z, side != 0.0
+        beyond = value - np.where(side > 0.0, upper, np.where(side < 0.0, lower, 0.0))
         M = np.concatenate([B[out] * weight[out, None], np.eye(z.size)])
-        bound = np.concatenate([np.where(side > 0.0, upper, lower)[out] * weight[out], np.zeros(z.size)])
-        ahead = best_step(M, -bound, row_lengths(M), 0.0)
-        value, slope, step = B @ z, B @ (ahead - z), ahead - z
-        there = _sides(B @ ahead, lower, upper, side)
-        if np.array_equal(there, side):
-            return ahead
+        step = best_step(M, np.concatenate([(weight * beyond)[out], z]), row_lengths(M), 0.0)
+        slope, small = B @ step, float(np.linalg.norm(step)) <= STILL * (1.0 + float(np.linalg.norm(z)))
+        off = value + slope - np.clip(value + slope, lower, upper)
+        stays = out & (side * (beyond + slope) >= 0.0)
+        there = np.where(stays, side, np.sign(off) * (np.abs(off) > ROUNDING * (1.0 + np.abs(value))))
+        same = np.array_equal(there, side)
 
         def rise(far: float, z: Vec = z, step: Vec = step, value: Vec = value, slope: Vec = slope) -> float:
             off = value + far * slope - np.clip(value + far * slope, lower, upper)
             return float((z + far * step) @ step + (weight * off) @ (weight * slope))
 
-        if rise(1.0) <= 0.0:
-            z, side = ahead, there
+        if same or small or rise(1.0) <= 0.0:
+            z, side = z + step, there
+            if same and small:
+                break
             continue
         low, far = 0.0, 1.0
         for _ in range(60):
@@ -157,14 +164,6 @@ def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:
         below = np.where(slope > 0.0, down > far, down <= far) & moves
         side, z = np.where(moves, 1.0 * above - 1.0 * below, side), z + far * step
     return z
-
-
-def _sides(value: Vec, lower: Vec, upper: Vec, side: Vec) -> Vec:
-    """+1 above, -1 below; a row within rounding of its bound stays as it is."""
-    off = value - np.clip(value, lower, upper)
-    beyond = side * (value - np.where(side > 0.0, upper, np.where(side < 0.0, lower, 0.0)))
-    rounding = ROUNDING * (1.0 + np.abs(value))
-    return np.where((side != 0.0) & (beyond >= -rounding), side, np.sign(off) * (np.abs(off) > rounding))
 
 
 def _identity(target: Vec) -> Rows:

@@ -28,12 +28,11 @@ class SoftChoice {
     if (!metric) return;
     const std::size_t width = static_cast<std::size_t>(n), all = static_cast<std::size_t>(rows);
     for (auto* part : {&root_, &Z_, &other_, &seen_}) part->resize(width * width);
-    for (auto* part : {&left_, &own_, &z_, &next_, &step_, &a_}) part->resize(width);
-    for (auto* part : {&low_, &high_, &base_, &value_, &ahead_, &slope_, &soft_, &rooms_, &allowed_}) part->resize(all);
+    for (auto* part : {&left_, &own_, &z_, &step_, &a_}) part->resize(width);
+    for (auto* part : {&low_, &high_, &base_, &value_, &slope_, &soft_, &rooms_, &allowed_}) part->resize(all);
     rows_.resize(all * width);
     M_.resize((all + width) * (width + 1));
     side_.resize(all);
-    before_.resize(all);
     order_.resize(std::max(all, width));
     pivots_.resize(width);
   }
@@ -65,6 +64,7 @@ class SoftChoice {
   // Of the longest row: directions that a row sees less of are free of it. Rounding of rows that are products leaves
   // 1e-12, and what a row asks of forces is 1e-3 and above.
   static constexpr double kSeen = 1e-9;
+  static constexpr double kStill = 1e-9;      // a step after which the rows that count as exceeded are certain
   static constexpr double kRounding = 1e-15;  // of a row, relative to its terms
   static constexpr int kRounds = 100, kHalvings = 60;
 
@@ -200,14 +200,20 @@ class SoftChoice {
     return value > high_[k] ? value - high_[k] : value < low_[k] ? value - low_[k] : 0.0;
   }
 
-  // side_: the rows exceeded at a point with these values; a row within rounding of its bound stays as it is. Whether
-  // others are exceeded than before.
-  bool look(const double* values) {
+  // value_ at z_.
+  void look() {
+    for (int k = 0; k < count_; ++k) value_[k] = base_[k] + dot_any(row(k), z_.data(), free_);
+  }
+  double bound(int k) const { return side_[k] > 0 ? high_[k] : low_[k]; }
+
+  // side_: the rows exceeded behind step_; whether others were before. The excess of a row in solve() is more accurate
+  // than its value: that of a stiff one is less than rounding of the bound. Another row is exceeded beyond rounding.
+  bool arrive() {
     bool other = false;
     for (int k = 0; k < count_; ++k) {
-      const double rounding = kRounding * (std::fabs(base_[k]) + std::fabs(values[k]));
-      const double bound = side_[k] > 0 ? high_[k] : low_[k], out = off(k, values[k]);
-      if (side_[k] && side_[k] * (values[k] - bound) >= -rounding) continue;
+      if (side_[k] && side_[k] * ((value_[k] - bound(k)) + slope_[k]) >= 0.0) continue;
+      const double there = value_[k] + slope_[k], out = off(k, there);
+      const double rounding = kRounding * (std::fabs(base_[k]) + std::fabs(there));
       const int now = out > rounding ? 1 : out < -rounding ? -1 : 0;
       other = other || now != side_[k];
       side_[k] = now;
@@ -229,32 +235,25 @@ class SoftChoice {
 
   // z_ goes to the minimum by Newton's method.
   void minimise() {
-    std::fill(side_.begin(), side_.begin() + count_, 0);
-    const auto values = [&](const double* z, double* to) {
-      for (int k = 0; k < count_; ++k) to[k] = base_[k] + dot_any(row(k), z, free_);
-    };
-    values(z_.data(), value_.data());
-    look(value_.data());
+    look();
+    for (int k = 0; k < count_; ++k) {
+      const double out = off(k, value_[k]);
+      side_[k] = out > 0.0 ? 1 : out < 0.0 ? -1 : 0;
+    }
     for (int round = 0; round < kRounds && solve(); ++round) {
-      for (int j = 0; j < free_; ++j) step_[j] = next_[j] - z_[j];
       for (int k = 0; k < count_; ++k) slope_[k] = dot_any(row(k), step_.data(), free_);
+      const double length = dot_any(step_.data(), step_.data(), free_), size = dot_any(z_.data(), z_.data(), free_);
       double far = 1.0, low = 0.0;
-      if (rise(1.0) > 0.0)
+      if (length > kStill * kStill * (1.0 + size) && rise(1.0) > 0.0)
         for (int half = 0; half < kHalvings; ++half) {
           const double middle = 0.5 * (low + far);
           (rise(middle) > 0.0 ? far : low) = middle;
         }
-      values(next_.data(), ahead_.data());
-      std::copy(side_.begin(), side_.begin() + count_, before_.begin());
-      if (!look(ahead_.data()) || far == 1.0) {
-        z_.swap(next_);
-        value_.swap(ahead_);
-        if (std::equal(before_.begin(), before_.begin() + count_, side_.begin())) return;
-        continue;
-      }
-      pass(far);
-      add_any(z_.data(), step_.data(), far, free_);
-      values(z_.data(), value_.data());
+      const bool other = arrive(), whole = !other || far == 1.0;
+      if (!whole) pass(far);
+      add_any(z_.data(), step_.data(), whole ? 1.0 : far, free_);
+      look();
+      if (!other && length <= kStill * kStill * (1.0 + size)) return;
     }
   }
 
@@ -268,8 +267,8 @@ class SoftChoice {
 
   int entries(const double* a) const { return static_cast<int>(n_ - std::count(a, a + n_, 0.0)); }
 
-  // next_: the minimiser if the rows exceeded at z_ were equalities and no others. Columns of M_, the right-hand side
-  // last; first the rows, the hardest before the others, below them the identity.
+  // step_: from z_ to the minimiser if the rows of side_ were equalities and there were no others. Columns of M_, the
+  // right-hand side last; first the rows, the hardest before the others, below them the identity.
   bool solve() {
     int m = 0;
     for (int k = 0; k < count_; ++k) {
@@ -284,9 +283,9 @@ class SoftChoice {
     for (int i = 0; i < m; ++i) {
       const int k = order_[i];
       for (int j = 0; j < free_; ++j) column(j)[i] = row(k)[j] / soft_[k];
-      column(free_)[i] = ((side_[k] > 0 ? high_[k] : low_[k]) - base_[k]) / soft_[k];
+      column(free_)[i] = (bound(k) - value_[k]) / soft_[k];
     }
-    for (int j = 0; j < free_; ++j) column(j)[m + j] = 1.0, order_[j] = j;
+    for (int j = 0; j < free_; ++j) column(j)[m + j] = 1.0, column(free_)[m + j] = -z_[j], order_[j] = j;
     for (int k = 0; k < free_; ++k) {
       int best = k;
       double most = -1.0;
@@ -306,16 +305,16 @@ class SoftChoice {
     }
     for (int k = free_ - 1; k >= 0; --k) {
       double value = column(free_)[k];
-      for (int j = k + 1; j < free_; ++j) value -= column(j)[k] * next_[order_[j]];
-      next_[order_[k]] = value / column(k)[k];
+      for (int j = k + 1; j < free_; ++j) value -= column(j)[k] * step_[order_[j]];
+      step_[order_[k]] = value / column(k)[k];
     }
     return true;
   }
 
   int n_, free_ = 0, count_ = 0, read_ = 0;
-  std::vector<double> root_, Z_, other_, seen_, left_, own_, z_, next_, step_, a_;
-  std::vector<double> rows_, M_, low_, high_, base_, value_, ahead_, slope_, soft_, rooms_, allowed_;
-  std::vector<int> side_, before_, order_, pivots_;
+  std::vector<double> root_, Z_, other_, seen_, left_, own_, z_, step_, a_;
+  std::vector<double> rows_, M_, low_, high_, base_, value_, slope_, soft_, rooms_, allowed_;
+  std::vector<int> side_, order_, pivots_;
 };
 
 }  // namespace HQP_ISA
