@@ -24,7 +24,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.problem import Hierarchy, Rows
-from hqp.problem.completion import HARD, chosen, unseen
+from hqp.problem.completion import Choice, unseen
 from hqp.problem.graded import is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.null_directions import without_rounding
@@ -97,13 +97,14 @@ def certificate(
         return Certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
+    choice = Choice(problem, x)  # of the problem as given: it moves by 1e5 times an error of its directions
+    held = choice.within()  # has what the levels determine of x
     problem = without_rounding(problem)
-    held = chosen(problem, x, HARD)  # a point within the rows, which has what the levels determine of x
     found = _priced(problem, held, tolerance, stages, settled) if problem.priced else _exact(problem, held, tolerance)
     if held is x:
         return found
     gaps = found.gaps.copy()
-    apart = float(np.linalg.norm(x - chosen(problem, x)))
+    apart = float(np.linalg.norm(x - choice.minimum()))
     gaps[-1] = max(gaps[-1], apart / (1.0 + float(np.linalg.norm(x))))
     return replace(found, gaps=gaps)
 

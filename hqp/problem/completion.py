@@ -9,25 +9,31 @@ minimum of
 With hard rows the least norm may be the apex of a wedge: two feet at the edges of their friction cones, turned against
 each other by 1e-9 rad, leave a wedge whose apex moves by 1e3 N m if a row moves by 1e-6 N.  The minimum above is
 strictly convex: an error e of a row moves it by at most e / (2 SOFTNESS), on every machine and from every start.  A row
-is exceeded by at most SOFTNESS ||y|| times its length, y any point within all rows.  Bounds on single variables are
-stiffer, by SINGLE, because what is sent must keep to them.  A row that the levels violate by more keeps its value.
+is exceeded by at most SOFTNESS ||y|| times its length, y the shortest point within all rows.  Bounds on single
+variables are stiffer, by SINGLE, because what is sent must keep to them.  A row that the levels violate by more keeps
+its value.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from hqp.arrays import Mat, Vec, longest_row, right_vectors, row_lengths
+from hqp.arrays import Mask, Mat, Vec, longest_row, right_vectors, row_lengths
 from hqp.problem import Hierarchy, Rows, Selection
-from hqp.problem.graded import best_step
 from hqp.tolerances import METRIC_TOLERANCE, RANK_TOLERANCE, ROUNDING, SOFTNESS, VIOLATION_TOLERANCE
 
 HARD = 1e-11
 """A softness that keeps rows to their bounds but for rounding."""
 
+INSET = 1e-10
+"""Share of a row's terms by which within() keeps off its bounds: above rounding of x, below tolerances of active rows.
+
+Without it the point is on one side of a wedge that rounding opens, and rows with multipliers of 1e-6 are 1e-6 off."""
+
 SINGLE = 1e-2
 """Softness of bounds on single variables, relative to that of other rows."""
-
 
 STILL = 1e-9
 """Share of 1 + |z|: after a shorter step the rows that count as exceeded are certain."""
@@ -86,46 +92,74 @@ def unseen(problem: Hierarchy) -> Mat:
     return np.asarray(Z @ Vt[int(np.count_nonzero(sigma > RANK_TOLERANCE)) :].T)
 
 
-def chosen(problem: Hierarchy, x: Vec, softness: float = SOFTNESS) -> Vec:
-    """x moved along the unseen directions to the minimum, ``(n,)``; x itself if there is no such direction.
-
-    softness: HARD for a point within the rows, at which the levels may be judged.
-    """
-    Z = unseen(problem)
-    if not Z.shape[1]:
-        return x
-    A, lower, upper = _constraints(problem)
-    reach = allowed(problem, x, Z)
-    value, nearest = A @ x, np.clip(A @ x, lower, upper)
-    broken = np.abs(value - nearest) > VIOLATION_TOLERANCE * (1.0 + np.abs(nearest)) + reach
-    lower, upper = np.where(broken, np.minimum(lower, value), lower), np.where(broken, np.maximum(upper, value), upper)
-    sees = reach > 0.0
-    lengths = row_lengths(A[sees])
-    z = x @ Z
-    still = x - Z @ z
-    B, base = (A[sees] @ Z) / lengths[:, None], (A[sees] @ still) / lengths
-    single = np.count_nonzero(A[sees], axis=1) == 1
-    soft = np.where(single, max(SINGLE * softness, HARD), softness)
-    weight = 1.0 / np.where(broken[sees], min(softness, HARD), soft)
-    return np.asarray(still + Z @ _minimum(B, lower[sees] / lengths - base, upper[sees] / lengths - base, weight, z))
+def chosen(problem: Hierarchy, x: Vec) -> Vec:
+    """x moved along the unseen directions to the minimum, ``(n,)``; x itself if there is no such direction."""
+    return Choice(problem, x).minimum()
 
 
-def allowed(problem: Hierarchy, x: Vec, Z: Mat | None = None) -> Vec:
+def allowed(problem: Hierarchy, x: Vec) -> Vec:
     """By how much each row of the constraints may be exceeded at x, ``(m_0 + ...,)`` [unit of the row]."""
-    A, *_ = _constraints(problem)
-    Z = unseen(problem) if Z is None else Z
-    lengths = row_lengths(A)
-    return np.asarray(SOFTNESS * float(np.linalg.norm(x)) * lengths * (row_lengths(A @ Z) > RANK_TOLERANCE * lengths))
+    return Choice(problem, x).allowed
 
 
-def _constraints(problem: Hierarchy) -> tuple[Mat, Vec, Vec]:
-    levels = problem.levels[: problem.constraints]
-    A = np.concatenate([np.zeros((0, problem.n)), *(rows.dense(problem.n) for rows in levels)])
-    lower, upper = (np.concatenate([np.zeros(0), *(getattr(rows, side) for rows in levels)]) for side in _SIDES)
-    return A, lower, upper
+class Choice:
+    """Points x + Z z along the unseen directions Z ``(n, r)`` of a problem.
 
+    allowed: ``(m_0 + ...,)``, by how much each row of the constraints may be exceeded: SOFTNESS of the shortest point
+    within all rows, or of x if there is none [unit of the row].
+    """
 
-_SIDES = ("lower", "upper")
+    def __init__(self, problem: Hierarchy, x: Vec) -> None:
+        self.Z, self._x = unseen(problem), x
+        levels, n = problem.levels[: problem.constraints], problem.n
+        A = np.concatenate([np.zeros((0, n)), *(rows.dense(n) for rows in levels)])
+        self._lower = np.concatenate([np.zeros(0), *(rows.lower for rows in levels)])
+        self._upper = np.concatenate([np.zeros(0), *(rows.upper for rows in levels)])
+        self._lengths, self._z = row_lengths(A), x @ self.Z
+        self._still = x - self.Z @ self._z
+        self._A, self._B, value = A, A @ self.Z, A @ x
+        self._sees = row_lengths(self._B) > RANK_TOLERANCE * self._lengths
+        self.allowed = np.zeros(self._sees.size)
+        if not self.Z.shape[1]:
+            return
+        nothing = np.zeros(self._sees.size, dtype=bool)
+        y = self._point(HARD, nothing, 0.0)
+        size = float(np.linalg.norm(x))
+        if not self._beyond(A @ y)[self._sees].any():  # else the levels violate some
+            size = max(size, float(np.linalg.norm(y)))
+        self.allowed = SOFTNESS * size * self._lengths * self._sees
+        self._broken = self._beyond(value)
+        self._lower = np.where(self._broken, np.minimum(self._lower, value), self._lower)
+        self._upper = np.where(self._broken, np.maximum(self._upper, value), self._upper)
+
+    def _beyond(self, value: Vec) -> Mask:
+        """Mask of rows that these values violate by more than is allowed."""
+        nearest = np.clip(value, self._lower, self._upper)
+        return np.asarray(np.abs(value - nearest) > VIOLATION_TOLERANCE * (1.0 + np.abs(nearest)) + self.allowed)
+
+    def minimum(self) -> Vec:
+        """The answer, ``(n,)``."""
+        return self._point(SOFTNESS, self._broken, 0.0) if self.Z.shape[1] else self._x
+
+    def within(self) -> Vec:
+        """A point within the rows, at which the levels may be judged, ``(n,)``.
+
+        Rows that hold a level are at their bounds there to about INSET of their terms.
+        """
+        return self._point(HARD, self._broken, INSET) if self.Z.shape[1] else self._x
+
+    def _point(self, softness: float, broken: Mask, inset: float) -> Vec:
+        off = inset * (self._lengths + np.abs(self._A) @ np.abs(self._x))
+        off = np.where(broken, 0.0, np.minimum(off, 0.5 * (self._upper - self._lower)))
+        sees = self._sees
+        lengths = self._lengths[sees]
+        base = (self._A[sees] @ self._still) / lengths
+        lower, upper = (self._lower + off)[sees] / lengths - base, (self._upper - off)[sees] / lengths - base
+        single = np.count_nonzero(self._A[sees], axis=1) == 1
+        soft = np.where(single, max(SINGLE * softness, HARD), softness)
+        weight = 1.0 / np.where(broken[sees], min(softness, HARD), soft)
+        z = _minimum(self._B[sees] / lengths[:, None], lower, upper, weight, self._z)
+        return np.asarray(self._still + self.Z @ z)
 
 
 def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:
@@ -137,33 +171,45 @@ def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:
     for _ in range(100):
         value, out = B @ z, side != 0.0
         beyond = value - np.where(side > 0.0, upper, np.where(side < 0.0, lower, 0.0))
-        M = np.concatenate([B[out] * weight[out, None], np.eye(z.size)])
-        step = best_step(M, np.concatenate([(weight * beyond)[out], z]), row_lengths(M), 0.0)
+        step = _newton(B[out], weight[out], beyond[out], z)
         slope, small = B @ step, float(np.linalg.norm(step)) <= STILL * (1.0 + float(np.linalg.norm(z)))
         off = value + slope - np.clip(value + slope, lower, upper)
         stays = out & (side * (beyond + slope) >= 0.0)
         there = np.where(stays, side, np.sign(off) * (np.abs(off) > ROUNDING * (1.0 + np.abs(value))))
         same = np.array_equal(there, side)
 
-        def rise(far: float, z: Vec = z, step: Vec = step, value: Vec = value, slope: Vec = slope) -> float:
-            off = value + far * slope - np.clip(value + far * slope, lower, upper)
-            return float((z + far * step) @ step + (weight * off) @ (weight * slope))
+        def rise(far: Vec, z: Vec = z, step: Vec = step, value: Vec = value, slope: Vec = slope) -> Vec:
+            """Derivative of the function along the step, at each share of it."""
+            off = value + far[:, None] * slope
+            off -= np.clip(off, lower, upper)
+            return np.asarray(z @ step + far * (step @ step) + (off * weight) @ (weight * slope))
 
-        if same or small or rise(1.0) <= 0.0:
+        if same or small or rise(np.ones(1))[0] <= 0.0:
             z, side = z + step, there
             if same and small:
                 break
             continue
-        low, far = 0.0, 1.0
-        for _ in range(60):
-            middle = 0.5 * (low + far)
-            low, far = (low, middle) if rise(middle) > 0.0 else (middle, far)
         with np.errstate(divide="ignore", invalid="ignore"):
             up, down, moves = (upper - value) / slope, (lower - value) / slope, slope != 0.0
+        ends = np.concatenate([up[moves], down[moves]])
+        ends = np.concatenate([[0.0], np.sort(ends[(ends > 0.0) & (ends < 1.0)]), [1.0]])
+        k = int(np.argmax((rises := rise(ends)) > 0.0))  # between two ends the derivative is linear
+        far = ends[k - 1] - rises[k - 1] * (ends[k] - ends[k - 1]) / (rises[k] - rises[k - 1]) if k else 0.0
         above = np.where(slope > 0.0, up <= far, up > far) & moves
         below = np.where(slope > 0.0, down > far, down <= far) & moves
         side, z = np.where(moves, 1.0 * above - 1.0 * below, side), z + far * step
     return z
+
+
+def _newton(B: Mat, weight: Vec, beyond: Vec, z: Vec) -> Vec:
+    """argmin |z + step|^2 + |weight * (beyond + B step)|^2: QR with pivoting below sorted rows keeps the short ones."""
+    from scipy.linalg import lstsq  # slow to import, and not every problem has such directions
+
+    order = np.argsort(-weight, kind="stable")
+    M = np.concatenate([B[order] * weight[order, None], np.eye(z.size)])
+    target = -np.concatenate([(weight * beyond)[order], z])
+    found: Any = lstsq(M, target, cond=0.0, lapack_driver="gelsy", check_finite=False)
+    return np.asarray(found[0])
 
 
 def _identity(target: Vec) -> Rows:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 import hqp
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Mat, Vec
-from hqp.problem.completion import HARD, allowed, chosen, unseen
+from hqp.problem.completion import Choice, allowed, chosen, unseen
 from hqp.tolerances import SOFTNESS
 
 N, FREE = 9, 3
@@ -66,9 +66,9 @@ def test_every_path_ends_at_the_minimum(seed: int, priced: bool) -> None:
     assert np.abs(chosen(problem, x) - x).max() < 1e-9 * size
     (many, _) = hqp.solve_many([problem, problem]).x
     assert np.array_equal(many, x)
-    within = chosen(problem, x, HARD)  # another point that the levels leave
-    assert np.max(np.abs(np.concatenate([rows.slack(within) for rows in problem.levels[:2]]))) < 1e-8 * size
-    assert np.abs(chosen(problem, within) - x).max() < 1e-8 * size
+    inside = Choice(problem, x).within()  # another point that the levels leave
+    assert np.max(np.abs(np.concatenate([rows.slack(inside) for rows in problem.levels[:2]]))) < 1e-8 * size
+    assert np.abs(chosen(problem, inside) - x).max() < 1e-8 * size
     off = np.concatenate([rows.slack(x) for rows in problem.levels[:2]])
     assert np.all(np.abs(off) <= allowed(problem, x) + 1e-8)
 
@@ -105,3 +105,22 @@ def test_a_level_that_sees_a_direction_decides_it() -> None:
     assert np.abs(Z.T @ hqp.solvers.load("lexicographic").solve(free).x - ask.lower).max() < 1e-9
     one = Hierarchy((Rows(Z.T[:1], ask.lower[:1], ask.upper[:1]),), metric=problem.metric)
     assert unseen(one).shape == (N, FREE - 1)
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-13, 1e-12, 1e-11])
+@pytest.mark.parametrize("share", [1e-7, 1e-6, 1e-5])
+def test_a_row_that_holds_a_level_by_a_small_multiplier_counts(share: float, error: float) -> None:
+    """Three rows hold x_0 at zero, the third with a multiplier that is share of the others'.
+
+    If x_0 is 1e-11 within, the third may be error / share off its bound; an error of 1e-6 is refused.
+    """
+    A = np.array([[1.0, 1.0, 0.0], [0.0, -1.0, share], [0.0, 0.0, -1.0]])
+    rows = Rows(A, np.full(3, -np.inf), np.array([0.0, -3.0 * share, 3.0]))
+    task, metric = Rows(np.eye(3)[:1], np.ones(1), np.ones(1)), np.diag([1.0, 0.0, 0.0])
+    problem = Hierarchy((rows, task), constraints=1, metric=metric)
+    found = hqp.solvers.load("lexicographic").solve(problem)
+    assert found.status is Status.OPTIMAL  # though x is shorter than all points within the rows
+    assert np.abs(found.x - chosen(problem, np.array([0.0, 0.0, -3.0]))).max() < 1e-9
+    for off, fine in ((error, True), (1e-6, False)):
+        x = chosen(problem, np.array([-off, 0.0, -3.0]))
+        assert certificate(problem, x, 1e-8).ok is fine, off

@@ -122,8 +122,8 @@ def test_physics_does_not_give_way_to_a_joint_limit() -> None:
     tick = session.step(robot.state(robot.home, v))
     assert tick.solution is not None
     by_name = {name: tick.solution.residuals[p.level][p.part] for name, p in session.program.places.items()}
-    for force in forces:
-        assert abs(by_name[force.name]).max() < 1e-7
+    for force in forces:  # torques that no level determines exceed them by 1e-5 of the torques' length at most
+        assert abs(by_name[force.name]).max() < 1e-5
     assert abs(by_name["joint_limits"]).max() > 1.0
     assert tick.status is hqp.Status.CONSTRAINTS_VIOLATED
 

@@ -154,7 +154,7 @@ class LevelSolve final : public SolveCall {
   std::vector<double>& end() { return end_; }
   // Write slacks and marks of all rows at x; return true if a constraint is violated.
   bool describe(const double* x, double* slack, std::int8_t* marks) {
-    return stages_->describe(x, exact_.problem.constraints, exact_.allowed(x), slack, marks);
+    return stages_->describe(x, exact_.problem.constraints, exact_.allowed(), slack, marks);
   }
   // The level above which all are settled, for the next solve; 0 if unknown.
   int head() const { return head_; }

@@ -129,7 +129,7 @@ class Line {
 
   Answered answer(const Solved& found) {
     Answered answer = answered(found);
-    if (solver()) answer.allowed = solver()->exact().allowed(answer.x);
+    if (solver()) answer.allowed = solver()->exact().allowed();
     return answer;
   }
 

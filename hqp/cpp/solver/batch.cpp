@@ -202,7 +202,7 @@ class Batch {
     answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
     std::copy(worker.last.begin(), worker.last.end(), answer.x);
     if (stages.ended()) worker.kernel->choose(problem, options_, answer.x, false);
-    const double* allowed = worker.kernel->allowed(options_, answer.x);
+    const double* allowed = worker.kernel->allowed();
     answer.unsure =
         stages.describe(answer.x, problem.constraints, allowed, answer.slack, answer.active) || answer.unsure;
     answer.iterations += stages.iterations();

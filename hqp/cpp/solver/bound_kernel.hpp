@@ -51,8 +51,8 @@ class BoundKernel {
   }
   // x (n) moves to the soft choice, or with `hard` to a point within the rows.
   void choose(double* x, bool hard) { kernel_->choose(problem, options, x, hard); }
-  // By how much each row of the constraints may be exceeded at x, if it was chosen last; null if by nothing.
-  const double* allowed(const double* x) { return kernel_->allowed(options, x); }
+  // By how much each row of the constraints may be exceeded at the latest choice; null if by nothing.
+  const double* allowed() { return kernel_->allowed(); }
   void reset(bool plain) { kernel_->reset(plain); }
   void keep(CarryOver& warm) { kernel_->keep(warm); }
 

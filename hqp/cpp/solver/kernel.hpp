@@ -14,8 +14,8 @@ class Kernel {
   virtual bool tell(const Problem& problem, Answer& answer) = 0;
   // x (n) moves to the soft choice (soft_choice.hpp), or with `hard` to a point within the rows.
   virtual void choose(const Problem& problem, const Options& options, double* x, bool hard) = 0;
-  // By how much each row of the constraints may be exceeded at x, if it was chosen last; null if by nothing.
-  virtual const double* allowed(const Options& options, const double* x) = 0;
+  // By how much each row of the constraints may be exceeded at the latest choice; null if by nothing.
+  virtual const double* allowed() = 0;
   virtual void keep(CarryOver& warm) = 0;  // the warm start
   virtual void reset(bool plain) = 0;      // forget the warm start; plain: the next search factorises every working set
 };

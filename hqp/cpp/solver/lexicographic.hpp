@@ -45,16 +45,14 @@ class Lexicographic final : public Kernel {
     const double* values = state_.values();
     if (chosen) state_.problem.table.product(x_.data(), state_.point.v), values = state_.point.v;
     state_.point.current = state_.point.current && !chosen;
-    report(problem, values, chosen ? allowed(options, x_.data()) : nullptr, answer);
+    report(problem, values, chosen ? allowed() : nullptr, answer);
     if (answer.multipliers) multipliers(problem, answer);
   }
 
   void choose(const Problem& problem, const Options& options, double* x, bool hard) override {
     choice_.take(problem, options.softness, x, hard);
   }
-  const double* allowed(const Options& options, const double* x) override {
-    return choice_.allowed(options.softness, x);
-  }
+  const double* allowed() override { return choice_.allowed(); }
 
   bool tell(const Problem& problem, Answer& answer) override {
     if (told_) multipliers(problem, answer);

@@ -28,8 +28,9 @@ class SoftChoice {
     if (!metric) return;
     const std::size_t width = static_cast<std::size_t>(n), all = static_cast<std::size_t>(rows);
     for (auto* part : {&root_, &Z_, &other_, &seen_}) part->resize(width * width);
-    for (auto* part : {&left_, &own_, &z_, &step_, &a_}) part->resize(width);
-    for (auto* part : {&low_, &high_, &base_, &value_, &slope_, &soft_, &rooms_, &allowed_}) part->resize(all);
+    for (auto* part : {&left_, &own_, &z_, &start_, &step_, &a_}) part->resize(width);
+    for (auto* part : {&low_, &high_, &base_, &value_, &slope_, &soft_, &length_, &rooms_, &allowed_})
+      part->resize(all);
     rows_.resize(all * width);
     M_.resize((all + width) * (width + 1));
     side_.resize(all);
@@ -37,8 +38,8 @@ class SoftChoice {
     pivots_.resize(width);
   }
 
-  // x (n) moves to the minimiser, or with `hard` to a point within the rows; false if no direction is free or numbers
-  // are not finite, and x stays.
+  // x (n), a point within the rows, moves to the minimiser, or with `hard` any x to a point within the rows; false if
+  // no direction is free or numbers are not finite, and x stays.
   bool take(const Problem& problem, double softness, double* x, bool hard = false) {
     free_ = 0;
     if (!problem.metric || !(softness > 0.0) || !find(problem)) return false;
@@ -46,17 +47,24 @@ class SoftChoice {
     if (!(size < INFINITY)) return false;
     dots_any(x, Z_.data(), n_, free_, n_, z_.data());
     add_rows(x, Z_.data(), n_, free_, -1.0, z_.data(), 1, n_);
-    gather(problem, softness, size, hard, x);
+    most_ = softness * size;
+    if (hard) {  // x may be a soft minimum: shorter than all points within the rows
+      std::copy(z_.begin(), z_.begin() + free_, start_.begin());
+      gather(problem, softness, INFINITY, hard, x);
+      minimise();
+      if (kept()) most_ = softness * larger(size, std::sqrt(dot_any(x, x, n_) + dot_any(z_.data(), z_.data(), free_)));
+      std::copy(start_.begin(), start_.begin() + free_, z_.begin());
+    }
+    gather(problem, softness, most_, hard, x);
     minimise();
     add_rows(x, Z_.data(), n_, free_, 1.0, z_.data(), 1, n_);
     return true;
   }
 
-  // By how much each row of the constraints may be exceeded at x (n), after take(); null if by nothing.
-  const double* allowed(double softness, const double* x) {
+  // By how much each row of the constraints may be exceeded after take(); null if by nothing.
+  const double* allowed() {
     if (!free_) return nullptr;
-    const double most = softness * std::sqrt(dot_any(x, x, n_));
-    for (int i = 0; i < read_; ++i) allowed_[i] = most * rooms_[i];
+    for (int i = 0; i < read_; ++i) allowed_[i] = most_ * rooms_[i];
     return allowed_.data();
   }
 
@@ -175,8 +183,8 @@ class SoftChoice {
   }
 
   // The rows of the constraints along Z, from x, which has no part there, in units of their lengths. A row that is
-  // violated by more than a soft one may be keeps its value.
-  void gather(const Problem& problem, double softness, double size, bool hard, const double* x) {
+  // violated by more than `most`, by which a soft one may be, keeps its value.
+  void gather(const Problem& problem, double softness, double most, bool hard, const double* x) {
     count_ = read_ = 0;
     for_each(problem, 0, problem.constraints, [&](const double* a, double low, double high) {
       const double length = rooms_[read_++] = room(a);
@@ -186,10 +194,11 @@ class SoftChoice {
       const double base = dot_any(a, x, n_), value = base + length * dot_any(b, z_.data(), free_);
       const double off = value > high ? value - high : value < low ? value - low : 0.0;
       soft_[count_] = hard ? smaller(softness, kHard) : entries(a) == 1 ? kSingle * softness : softness;
-      if (std::fabs(off) > kViolated * (1.0 + std::fabs(off > 0.0 ? high : low)) + softness * size * length) {
+      if (std::fabs(off) > kViolated * (1.0 + std::fabs(off > 0.0 ? high : low)) + most * length) {
         (off > 0.0 ? high : low) = value;
         soft_[count_] = smaller(softness, kHard);
       }
+      length_[count_] = length;
       base_[count_] = base / length;
       low_[count_] = low / length;
       high_[count_++] = high / length;
@@ -257,6 +266,15 @@ class SoftChoice {
     }
   }
 
+  // Whether no row is violated at z_.
+  bool kept() const {
+    for (int k = 0; k < count_; ++k) {
+      const double out = off(k, value_[k]), bound = out > 0.0 ? high_[k] : low_[k];
+      if (std::fabs(out) > kViolated * (1.0 / length_[k] + std::fabs(bound))) return false;
+    }
+    return true;
+  }
+
   // How fast the value rises along step_, that far along it.
   double rise(double far) const {
     double sum = 0.0;
@@ -312,8 +330,9 @@ class SoftChoice {
   }
 
   int n_, free_ = 0, count_ = 0, read_ = 0;
-  std::vector<double> root_, Z_, other_, seen_, left_, own_, z_, step_, a_;
-  std::vector<double> rows_, M_, low_, high_, base_, value_, slope_, soft_, rooms_, allowed_;
+  double most_ = 0.0;  // by how much a row of unit length may be exceeded
+  std::vector<double> root_, Z_, other_, seen_, left_, own_, z_, start_, step_, a_;
+  std::vector<double> rows_, M_, low_, high_, base_, value_, slope_, soft_, length_, rooms_, allowed_;
   std::vector<int> side_, order_, pivots_;
 };
 
