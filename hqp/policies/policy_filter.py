@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Vec
+from hqp.arrays import Mask, Vec
 from hqp.declare.element import Element
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
@@ -30,6 +30,9 @@ SHARE = 0.8
 
 BLEND = 0.1
 """Share of a new estimate of the remaining torque in a tick."""
+
+SLOWING = 0.1
+"""Time constant in which torques lead joints back to the braking motion [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +123,15 @@ class Prediction:
 
     def __init__(self, declared: PolicyFilter, servos: Servos) -> None:
         self._kind, self.servos = declared.command, servos
-        self._last: Vec | None = None
-        self._before: Vec | None = None
-        self._rest: Vec | float = 0.0
+        self.reset()
 
     def reset(self) -> None:
         """Discard earlier commands and estimates."""
-        self._last, self._before, self._rest = None, None, 0.0
+        self._last: Vec | None = None
+        self._before: Vec | None = None
+        self._rest: Vec | float = 0.0
+        self._path: Vec | float = 0.0
+        self._rate: Vec | float = 0.0
 
     def begin(self, command: ArrayLike, q: Vec, v: Vec) -> tuple[Vec, Vec]:
         """(command within the effort limits, velocity by it), from joint positions and velocities.
@@ -136,12 +141,13 @@ class Prediction:
         given = np.array(command, dtype=np.float64)
         if given.shape != q.shape:
             raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(q.shape))
+        self._observe(q, v)
         q, v = np.nan_to_num(q), np.nan_to_num(v)
         if self._last is None:
+            self._path = q
             self._last = q.copy() if self._kind == "positions" else np.zeros(q.shape)
         given = np.where(np.isfinite(given), given, self._last)
         servos = self.servos
-        self._observe(q, v)
         if self._kind == "velocities":
             most = 1e6
             given = np.clip(given, -most, most)
@@ -153,18 +159,39 @@ class Prediction:
         return given, servos.velocity(given, q, v, self._rest)
 
     def end(self, command: Vec, free: Vec, x: Vec, q: Vec, v: Vec, solved: Any = True) -> Vec:
-        """Command for the velocity x in place of ``free``; the last command if the tick is not solved."""
-        servos = self.servos
+        """Command for the velocity x in place of ``free``; if the tick is not solved, for the braking velocity x.
+
+        Then tau = I ((x - x-) / dt + 2 (x - v) / T + (p - q) / T^2) - d within the effort limits: x- is the x before,
+        p its integral from the last solved tick on, T = 0.1 s.  Without q and v servos aim at p, with the torque -d,
+        and torques lack the middle terms.
+        """
+        servos, measured = self.servos, np.isfinite(q) & np.isfinite(v)
+        q, v = np.nan_to_num(q), np.nan_to_num(v)
         if self._kind == "velocities":
             sent = command + (x - free)
         elif self._kind == "torques":
             sent = np.clip(command + (x - free) * servos.inertia / servos.dt, -servos.effort, servos.effort)
         else:
-            sent = servos.within_effort(servos.shifted(command, x - free), np.nan_to_num(q), np.nan_to_num(v))
+            sent = servos.within_effort(servos.shifted(command, x - free), q, v)
         assert self._last is not None
-        self._last = np.where(np.asarray(solved)[..., None] & np.isfinite(sent), sent, self._last)
-        self._before = np.nan_to_num(v)
+        solved = np.asarray(solved)[..., None]
+        sent = np.where(solved, sent, self._slowed(x, q, v, measured))
+        self._last = np.where(np.isfinite(sent), sent, self._last)
+        self._before = np.where(measured & solved, v, math.nan)
+        self._path, self._rate = np.where(measured & solved, q, self._path) + servos.dt * x, x
         return self._last.copy()
+
+    def _slowed(self, x: Vec, q: Vec, v: Vec, measured: Mask) -> Vec:
+        """Command of joints on their way to rest."""
+        servos, p, T = self.servos, self._path, max(SLOWING, 2.0 * self.servos.dt)
+        if self._kind == "velocities":
+            return x
+        back = np.where(measured, 2.0 * (x - v) / T + (p - q) / T**2, 0.0)
+        change = (x - self._rate) / servos.dt + back
+        tau = np.clip(servos.inertia * change - self._rest, -servos.effort, servos.effort)
+        if self._kind == "torques":
+            return np.asarray(tau)
+        return np.where(measured, servos.target(tau, q, x), p + (servos.kd * x - self._rest) / servos.kp)
 
     def _observe(self, q: Vec, v: Vec) -> None:
         """Estimate d, the torque that the servos' model lacks: gravity, contacts, other joints."""
@@ -175,7 +202,8 @@ class Prediction:
         own = self._last if self._kind == "torques" else servos.kp * (self._last - q) - servos.kd * v
         found = servos.inertia * (v - v_then) / servos.dt - own
         most = np.where(np.isfinite(servos.effort), servos.effort, 1e3)
-        self._rest = self._rest + BLEND * (np.clip(found, -most, most) - self._rest)
+        found = np.where(np.isfinite(found), np.clip(found, -most, most), self._rest)
+        self._rest = self._rest + BLEND * (found - self._rest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,8 @@ from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
 from hqp.policies import Prediction
 from hqp.robots import Robot
+from hqp.tasks.limits import home_inertia
+from tests.loop.test_begin import Physics, holding, standing
 from tests.tasks.test_prescribed import load
 
 DT = 0.002
@@ -167,3 +169,83 @@ def test_declared() -> None:
     ):
         with pytest.raises(DeclarationError, match=what):
             bad()
+
+
+def filtered(robot: Robot, kind: str) -> Any:
+    """Session of a filter whose servos are critically damped about the inertia at home."""
+    own = home_inertia(robot)[robot.actuated]
+    gains = {"kp": 400.0 * own, "kd": 40.0 * own} if kind == "positions" else {}
+    return PolicyFilter(command=kind, **gains).session(robot, DT, deadline=math.inf)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("how", ["stop", "nan", "some nan"])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["g1", "ur5"])
+def test_joints_come_to_rest_after_a_stop_and_without_states(name: str, kind: str, how: str) -> None:
+    """A policy that drives all joints on: they rest within a second, and move again after resume."""
+    robot, rng = load(name), np.random.default_rng(2)
+    session, own = filtered(robot, kind), robot.actuated
+    plant = Plant(robot, kind, session)
+    speeds = rng.uniform(-0.4, 0.4, own.size)
+
+    def policy() -> Any:
+        angles, v = robot.state(plant.q).angles[own], plant.v[own]
+        if kind == "velocities":
+            return speeds
+        if kind == "torques":
+            return plant.servos.inertia * (speeds - v) / 0.05
+        return angles + 0.1 * speeds
+
+    for _ in range(100):
+        plant.move(session.tick(plant.q, plant.v, policy()).command)
+    fastest, place = np.abs(plant.v).max(), robot.state(plant.q).angles[own].copy()
+    assert fastest > 0.1
+    if how == "stop":
+        session.session.stop("operator")
+    for k in range(500):
+        q, v = plant.q.copy(), plant.v.copy()
+        if how == "nan" or (how == "some nan" and k % 3):
+            q[-1], v[:] = math.nan, math.nan
+        if how == "some nan" and k % 3 == 0:
+            q[:] = math.nan
+        tick = session.tick(q, v, policy())
+        assert not tick.tick.status.usable
+        assert np.isfinite(tick.command).all()
+        plant.move(tick.command)
+    assert np.abs(plant.v).max() < 1e-3
+    away = np.abs(robot.state(plant.q).angles[own] - place).max()
+    assert away < 0.15 * fastest
+    session.session.resume()
+    for _ in range(50):
+        tick = session.tick(plant.q, plant.v, policy())
+        assert tick.tick.status.solved
+        plant.move(tick.command)
+    assert np.abs(plant.v).max() > 0.02
+
+
+@pytest.mark.parametrize(("kind", "lost"), [("positions", False), ("torques", False), ("positions", True)])
+def test_an_arm_under_gravity_comes_to_rest(kind: str, lost: bool) -> None:
+    """Coupled joints by Pinocchio: a UR5 is stopped, or its states are lost, on its way."""
+    robot, q = load("ur5"), standing("ur5")
+    session, physics, own = filtered(robot, kind), Physics(robot, q), robot.actuated
+    kp, kd, inertia = session.declared.kp, session.declared.kd, home_inertia(robot)[own]
+    push, speeds, places = 5.0 * np.cos(np.arange(6.0)), [], []
+    for k in range(900):
+        held = holding(robot, physics.q)
+        given = physics.q, physics.v
+        if k == 200 and not lost:
+            session.session.stop()
+        if k >= 200 and lost:
+            given = np.full(6, math.nan), np.full(6, math.nan)
+        asked = held + inertia * push - 5.0 * inertia * physics.v
+        if kind == "positions":
+            asked = physics.q + (asked + kd * physics.v) / kp
+        sent = session.tick(*given, asked).command
+        if kind == "positions":
+            sent = np.clip(kp * (sent - physics.q) - kd * physics.v, -robot.effort_limit, robot.effort_limit)
+        physics.step(sent)
+        speeds.append(float(np.abs(physics.v).max()))
+        places.append(physics.q)
+    assert speeds[199] > 0.5
+    assert max(speeds[700:]) < 0.05
+    assert np.abs(places[-1] - places[199]).max() < 0.3 * speeds[199]

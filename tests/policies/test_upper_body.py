@@ -186,7 +186,7 @@ def test_without_a_valid_state_the_arms_come_to_rest_and_go_on(output: str, firs
         assert (tick.tick.status is Status.INVALID_STATE) == wrong
         for numbers in (tick.positions, tick.velocities, *(() if tick.torques is None else (tick.torques,))):
             assert np.isfinite(numbers).all()
-        if wrong and last is not None and output != "positions":  # those carry a torque, too
+        if wrong and last is not None and output != "positions":  # targets of servos carry a torque, too
             assert np.abs(tick.positions - last).max() <= DT * np.abs(tick.velocities).max() + 1e-9
         last = tick.positions
         if not wrong:
