@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from hqp.arrays import Index, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.declare.element import Element
 from hqp.declare.law import PD, P
 from hqp.declare.reference import Reference
@@ -20,6 +20,7 @@ from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
 from hqp.policies.servo import Gains, Servos
 from hqp.programs.formulation import Velocity
+from hqp.robots.soles import sole
 from hqp.tasks import (
     CollisionAvoidance,
     Com,
@@ -29,6 +30,7 @@ from hqp.tasks import (
     Pose,
     Posture,
     PrescribedMotion,
+    SupportPolygon,
     TorqueLimits,
     Within,
 )
@@ -42,22 +44,26 @@ Output = Literal["positions", "velocities", "torques"]
 class UpperBody:
     """Control all joints but ``legs``, with legs and base as measured (``PrescribedMotion``):
 
-        limits, self-collision > centre of mass near its place over the base > hands > trunk > posture.
+        limits, self-collision > centre of mass over the soles > near its place over the base > hands > trunk > posture.
 
     legs: joints or groups of the other controller.  hands: frames with a Pose each, the robot's palms for None.
     trunk: frame with a fixed orientation, or "".  reach [m]: largest distance of the centre of mass from its place at
-    the first tick, or from ``balance.at``, along x and y of the base's heading; inf without a bound.
+    the first tick, or from ``balance.at``, along x and y of the base's heading; inf without a bound.  margin [m]: of
+    the centre of mass within the hull of the soles on the ground, as measured in each tick (``SupportPolygon``); None
+    without that bound.  soles: their frames, the robot's for None.
     clearance, influence [m]: distances of the arms' links from all others.  output: "velocities" are commands of
     ``Velocity``, integrated from the first measured posture, for velocity and position servos; "torques" are commands
     of ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose
     torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
-    Payloads: ``tick`` takes the mass in each hand.  Raises DeclarationError for fields.
+    Payloads: ``step`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 
     legs: str | Sequence[str]
     hands: Sequence[str] | None = None
     trunk: str = ""
     reach: float = 0.05
+    margin: float | None = None
+    soles: Sequence[str] | None = None
     clearance: float = 0.02
     influence: float = 0.12
     speed: float = 1.5
@@ -77,6 +83,16 @@ class UpperBody:
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0.0:
                 raise DeclarationError("UpperBody", what, value=value, allowed="a number above 0")
 
+        if self.margin is not None and not (isinstance(self.margin, (int, float)) and self.margin >= 0.0):
+            raise DeclarationError("UpperBody", "margin", value=self.margin, allowed="a number of at least 0, or None")
+
+    def feet(self, robot: Robot) -> dict[str, Mat]:
+        """Corners of each sole in the axes of its frame ``(n, 3)`` [m]; raises DeclarationError without soles."""
+        frames = tuple(self.soles) if self.soles is not None else tuple(robot.landmarks.get("soles", ()))
+        if not frames:
+            raise DeclarationError("UpperBody", "soles", value=self.soles, allowed="frames; the robot names no soles")
+        return {f: np.pad(np.array(sole(robot, f)), ((0, 0), (0, 1))) for f in frames}
+
     def joints(self, robot: Robot) -> tuple[str, ...]:
         """The controlled joints; raises DeclarationError if none is left, JointNotFound."""
         legs = set(robot.joints(self.legs).tolist())
@@ -86,7 +102,7 @@ class UpperBody:
         return found
 
     def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
-        """Its stack; names: ``legs``, ``hand 0``, ``hand 1``, ..., ``balance``, ``trunk``, ``posture``, ``load 0``."""
+        """Its stack; names: ``legs``, ``support``, ``balance``, ``hand 0``, ..., ``trunk``, ``posture``, ``load 0``."""
         joints, torque = self.joints(robot), self.output != "velocities"
         frames = tuple(self.hands) if self.hands is not None else tuple(robot.landmarks.get("palms", ()))
         if not frames:
@@ -94,6 +110,10 @@ class UpperBody:
         law = PD(400.0, 40.0, max_velocity=self.speed) if torque else P(12.0, max_velocity=self.speed)
         slow = PD(40.0, 13.0) if torque else P(3.0)
         levels: list[Level] = []
+        if self.margin is not None:
+            corners = polygon(robot.state(robot.home), self.feet(robot))
+            hull = SupportPolygon(polygon=tuple(map(tuple, corners.tolist())), margin=self.margin, name="support")
+            levels.append(Level(hull, name="support"))
         if math.isfinite(self.reach):
             com = Com(axes="xy", relative_to=_base(robot), heading=robot.floating)
             levels.append(Level(Within(com, lower=-self.reach, upper=self.reach, name="balance"), name="balance"))
@@ -131,6 +151,13 @@ class UpperBody:
         """
         session = self.controller(robot, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
         return UpperBodySession(self, session)
+
+
+def polygon(state: State, feet: Mapping[str, Mat], standing: Collection[str] | None = None) -> Mat:
+    """Corners of the standing feet in the world, of all for None ``(n, 2)`` [m]; some repeat for feet in the air."""
+    down = feet if standing is None else [f for f in feet if f in standing]
+    corners = np.concatenate([state.position(f) + feet[f] @ state.rotation(f).T for f in down])
+    return np.resize(corners[:, :2], (sum(map(len, feet.values())), 2))
 
 
 def _base(robot: Robot) -> str:
@@ -172,20 +199,25 @@ class UpperBodySession:
         self.balance, self.trunk, self.posture = (
             (stack.find(name) if name in stack else None) for name in ("balance", "trunk", "posture")
         )
+        self._support: Any = stack.find("support") if "support" in stack else None
+        self._feet = {} if self._support is None else declared.feet(self.robot)
         self._sent: tuple[Vec, Vec] | None = None
         self._home: Vec = self.robot.state(self.robot.home).angles[self.columns].copy()
 
     def step(
         self, state: State, *references: Reference, loads: Mapping[str, float] | Sequence[float] = (),
-        now: float | None = None,
+        standing: Collection[str] | None = None, now: float | None = None,
     ) -> UpperBodyTick:  # fmt: skip
         """One tick of a measured state, with references of its elements, such as ``follow.reference(state)``.
 
-        loads: mass in each hand [kg], in order or by frame.  Without a valid state the joints sent last come to rest,
-        and their torque holds them.  Raises as ``Session.step``.
+        loads: mass in each hand [kg], in order or by frame.  standing: frames of the soles on the ground, all for None;
+        without any the centre of mass has no bound by the soles.  Without a valid state the joints sent last come to
+        rest, and their torque holds them.  Raises DeclarationError for a frame that is no sole, otherwise as
+        ``Session.step``.
         """
+        support = self._supported(state, standing)
         carried = loads if isinstance(loads, Mapping) else dict(zip((e.frame for e in self.loads), loads, strict=False))
-        given = [*references, *(e.at(carried[e.frame]) for e in self.loads if e.frame in carried)]
+        given = [*references, *support, *(e.at(carried[e.frame]) for e in self.loads if e.frame in carried)]
         torque = self.declared.output != "velocities"
         if not torque:
             state = self._commanded(state)
@@ -203,6 +235,17 @@ class UpperBodySession:
         tau = tick.command[self._motors]
         servos = self._servos
         return UpperBodyTick(angles if servos is None else angles + (tau + servos.kd * v) / servos.kp, v, tau, tick)
+
+    def _supported(self, state: State, standing: Collection[str] | None) -> list[Reference]:
+        """Reference of the support polygon."""
+        unknown = sorted(set(standing or ()) - self._feet.keys())
+        if unknown:
+            raise DeclarationError("UpperBody", "standing", value=unknown, allowed=", ".join(self._feet) or "no soles")
+        if self._support is None or not state.valid:
+            return []
+        if standing is not None and not standing:
+            return [self._support.off()]
+        return [self._support.at(polygon(state, self._feet, standing))]
 
     def _commanded(self, state: State) -> State:
         """The measured state with the controlled joints as last commanded; at first as measured, at rest."""
