@@ -10,13 +10,19 @@ import numpy as np
 from hqp.adapters.commanded import Commanded
 from hqp.adapters.gymnasium_extra import gymnasium
 from hqp.arrays import Mat, Vec
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, HqpError
 from hqp.export.batch import Batch
 from hqp.loop.controller import Controller
 from hqp.robots import Robot
 
 if TYPE_CHECKING:
     from hqp.robots.actuators import Actuation, Servo
+
+
+def _metadata() -> dict[str, Any]:
+    """Worlds that end are reset in the next step; gymnasium 1.0 does nothing else and has no name for it."""
+    modes = getattr(gymnasium.vector, "AutoresetMode", None)
+    return {"autoreset_mode": modes.NEXT_STEP} if modes else {}
 
 
 class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
@@ -30,10 +36,10 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
     worlds that end; by default with a base 0.2 m lower than at home, or a state that is not finite.  The info's status
     is the worst of those ticks.  At velocity and acceleration level position servos carry out the commands: the base
     is measured, joints are as commanded; servo: their gains, by default those of the robot's description.  Raises
-    DeclarationError for another target, a bad frame_skip, or servos without gains.
+    DeclarationError for another target, a bad frame_skip, or servos without gains; HqpError before gymnasium 1.0.
     """
 
-    metadata: dict[str, Any] = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = _metadata()
 
     def __init__(
         self, controller: Controller, robot: Robot, targets: tuple[str, ...], num_envs: int, *, reach: float = 0.1,
@@ -46,6 +52,9 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         from hqp.robots import Plant
 
         session = controller.session(robot, dt)
+        if int(gymnasium.__version__.split(".")[0]) < 1:
+            here = gymnasium.__version__
+            raise HqpError(f"VectorEnv needs gymnasium 1.0 or later, here is {here}: pip install 'hqp[gym]'")
         if isinstance(frame_skip, bool) or not isinstance(frame_skip, int) or frame_skip < 1:
             raise DeclarationError("VectorEnv", "frame_skip", value=frame_skip, allowed="a whole number, 1 or above")
         home = robot.state(robot.home)
