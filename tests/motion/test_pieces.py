@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,11 @@ import hqp
 from hqp.arrays import Vec
 from hqp.motion.body import Body
 from hqp.motion.contacts import NAMES as LIMBS
+from hqp.motion.contacts import _without_short
 from hqp.motion.joints import parts_of
-from hqp.motion.measures import measure
+from hqp.motion.measures import _feet, _walk, measure
+from hqp.motion.person import with_toes
+from hqp.motion.shortfalls import GAP, LIMITS, shortfalls
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.stacks import Stacks
 from hqp.motion.suggestion import _Tree
@@ -106,3 +111,45 @@ def test_figures_of_a_motion_of_constant_acceleration() -> None:
     np.testing.assert_allclose(figures.jerk, 0.0, atol=1e-4)
     fastest = 2.0 * (times[1:] - 0.5 / found.fps)
     np.testing.assert_allclose(figures.speed, fastest / robot.velocity_limit[column], atol=1e-9)
+
+
+@pytest.mark.parametrize(("share", "rows"), [(0.5, [(20, 80)]), (1.5, [(20, 40), (60, 80)])])
+def test_a_short_gap_does_not_split_a_shortfall(
+    share: float, rows: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """20 frames within the limit between 40 frames beyond it; a gap counts from ``GAP`` seconds on."""
+    monkeypatch.setattr("hqp.motion.shortfalls._reason", lambda *_: "a limit")
+    errors = {part: np.zeros(100) for part in LIMITS}
+    errors["left_hand"][20:40] = errors["left_hand"][60:80] = 2.0 * LIMITS["left_hand"]
+    tracker: Any = SimpleNamespace(dt=share * GAP / 20.0)
+    found = shortfalls(tracker, np.zeros((100, 1)), np.zeros((100, 1)), errors)
+    assert [(each.first, each.last) for each in found] == rows
+    assert {each.part for each in found} == {"left_hand"}
+
+
+@pytest.mark.parametrize(("lasting", "kept"), [(3, False), (9, True)])
+def test_short_rests_and_gaps_do_not_count(lasting: int, kept: bool) -> None:
+    mask = np.zeros(100, dtype=bool)
+    mask[40 : 40 + lasting] = True
+    assert _without_short(mask, 100.0).any() == kept
+    assert _without_short(~mask, 100.0).all() != kept
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.2, 2.8, -2.0])
+def test_feet_without_toes_point_ahead_of_the_hips(heading: float) -> None:
+    motion = stand(0.2, heading)
+    joints = {part: motion.joint(name) for part, name in parts_of(motion.names).items() if "toe" not in part}
+    found = with_toes(joints)
+    for side in ("left", "right"):
+        ahead = found[f"{side}_toe"] - found[f"{side}_ankle"]
+        np.testing.assert_allclose(np.arctan2(ahead[:, 1], ahead[:, 0]), heading, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(ahead, axis=1), 0.17 * 0.84, rtol=1e-2)
+
+
+def test_feet_that_are_lowered_are_below_the_floor_by_as_much() -> None:
+    robot, body = g1()
+    stacks = Stacks(robot, find_map(None, robot), body, 0.02, collision=False)
+    q = np.tile(robot.home, (2, 1))
+    q[1, 2] -= 0.02
+    heights = _feet(robot, stacks, _walk(robot, stacks, q)[3])
+    np.testing.assert_allclose(heights, [0.0, -0.02], atol=2e-3)

@@ -222,6 +222,7 @@ def test_files(walked: Retargeted, tmp_path: Path) -> None:
 def test_the_report_page(walked: Retargeted, tmp_path: Path) -> None:
     pytest.importorskip("plotly")
     page = walked.html(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<html") == 1
     assert "Slide of standing feet" in page
     assert "Unmet targets" in page
     assert "Causes of deviations" in page

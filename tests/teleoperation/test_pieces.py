@@ -118,3 +118,17 @@ def test_a_hand_reaches_what_an_abrupt_acceleration_reaches(share: float) -> Non
     off = share * (SLACK[0] + 0.5 * ABRUPT[0] * tau**2)
     found = track.take(Sample(0.09 + tau, np.array([0.0, off, 0.0])))
     assert found == (0.0 if share < 1.0 else pytest.approx(off))
+
+
+@pytest.mark.parametrize("distance", [0.2, 1.0, 3.0])
+def test_a_pursuit_arrives_soon_and_does_not_pass_its_target(distance: float) -> None:
+    """From rest to rest at an acceleration a it takes at least 2 sqrt(d / a); braking counts on a share of a."""
+    most, still, dt = 4.0, np.zeros(3), 0.002
+    pursuit, target = Pursuit(VECTOR, np.zeros(3), (100.0, 100.0), (most, most)), np.array([distance, 0.0, 0.0])
+    least = 2.0 * math.sqrt(distance / most)
+    way = []
+    for _ in range(math.ceil((1.4 * least + 0.3) / dt)):
+        pursuit.step(dt, target, still, still)
+        way.append(pursuit.value[0])
+    assert max(way) < 1.01 * distance
+    assert way[-1] == pytest.approx(distance, rel=0.02)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -108,6 +109,12 @@ def test_a_goal_creeps_shortly_before_the_landing(robot: Any, monkeypatch: pytes
             break
     assert {fastest for left, fastest in seen if left > LAST + 1e-9} == {CORRECTION}
     assert {fastest for left, fastest in seen if left < LAST - 1e-9} == {CREEPS}
+
+
+def test_a_walker_stands_from_the_end_of_its_phase_on() -> None:
+    stands: Any = vars(Walker)["_stands"].fget
+    found = [stands(SimpleNamespace(phase="stand", _t=t, _T=0.5)) for t in (0.49, 0.5, 0.51)]
+    assert found == [False, True, True]
 
 
 def test_the_height_makes_up_for_a_sagging_com(robot: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import FrozenInstanceError
 from itertools import pairwise
 from typing import Any
 
@@ -302,6 +303,12 @@ def test_a_goal_that_moves_bends_the_path_without_a_jump() -> None:
 
 
 # ----------------------------------------------------------------------------------------------- bad input
+
+
+def test_steps_and_commands_are_values() -> None:
+    for value, field in ((STEPS, "period"), (Command(), "forward"), (REACH, "forward"), (Gait(), "single")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(value, field, 1.0)
 
 
 def test_what_is_no_number_is_refused() -> None:
