@@ -177,7 +177,7 @@ class Prediction:
         solved = np.asarray(solved)[..., None]
         sent = np.where(solved, sent, self._slowed(x, q, v, measured))
         self._last = np.where(np.isfinite(sent), sent, self._last)
-        self._before = np.where(measured & solved, v, math.nan)
+        self._before = np.where(measured, v, math.nan)
         self._path, self._rate = np.where(measured & solved, q, self._path) + servos.dt * x, x
         return self._last.copy()
 

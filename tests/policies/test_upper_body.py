@@ -200,6 +200,26 @@ def test_without_a_valid_state_the_arms_come_to_rest_and_go_on(output: str, firs
                 )
 
 
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_a_stop_of_its_session_brings_the_arms_to_rest(output: str) -> None:
+    robot = load("g1")
+    arms = made(robot, output)
+    q, v, speeds = robot.home.copy(), np.zeros(robot.nv), []
+    goals = [np.array(hand.value(robot.state(q))) for hand in arms.hands]
+    for goal in goals:
+        goal[2, 3] += 0.15
+    for k in range(120):
+        if k == 15:
+            arms.session.stop("operator")
+        tick = arms.step(robot.state(q, v), *(h.at(goal) for h, goal in zip(arms.hands, goals, strict=True)))
+        assert (tick.tick.status is Status.STOPPED) == (k >= 15)
+        v[arms.columns] = tick.velocities
+        q = robot.integrate(q, v, DT)
+        speeds.append(float(np.abs(v).max()))
+    assert speeds[14] > 0.5
+    assert speeds[-1] < 1e-3
+
+
 def test_declared() -> None:
     robot = load("g1")
     for bad, what in (
