@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "anchors.hpp"
+#include "priced_rows.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -51,7 +52,7 @@ class Accounts {
       const bool priced = prices && prices[k] > 0.0;
       double square = 0.0, asked = 0.0;
       for (int i = 0; i < level.m; ++i) {
-        const double off = slack(product(level, i, at.still()), level.lower[i], level.upper[i]);
+        const double off = slack(row_value(level, i, at.still(), n_), level.lower[i], level.upper[i]);
         double* out = numbers + 4 * owner[i];
         out[0] += w[i] * w[i];
         out[1] += off * off;
@@ -100,19 +101,7 @@ class Accounts {
   double product(int row, const double* x) const {
     std::size_t k = 0;
     while (row >= level_[k].m) row -= level_[k++].m;
-    return product(level_[k], row, x);
-  }
-
-  double product(const PricedLevel& level, int i, const double* x) const {
-    if (!level.A) return level.scale[i] * x[level.index[i]];
-    return dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_);
-  }
-
-  const double* coefficients(const PricedLevel& level, int i) {
-    if (level.A) return level.A + static_cast<std::size_t>(i) * n_;
-    std::fill(y_.begin(), y_.end(), 0.0);
-    y_[level.index[i]] = level.scale[i];
-    return y_.data();
+    return row_value(level_[k], row, x, n_);
   }
 
   // Return true if an inequality binds at the answer, or close to rest.
@@ -122,10 +111,10 @@ class Accounts {
     while (i >= level_[k].m) i -= level_[k++].m;
     const PricedLevel& level = level_[k];
     const double bound = lambda > 0.0 ? level.lower[i] : level.upper[i];
-    at.row(coefficients(level, i), b_.data());
+    at.row(coefficients(level, i, n_, y_), b_.data());
     const double length = std::sqrt(dot_any(b_.data(), b_.data(), n_));
-    return std::abs(bound - product(level, i, at.still())) <= rows.near * length ||
-           std::abs(product(level, i, rows.x) - bound) <= 1e-9 * (length + std::abs(bound));
+    return std::abs(bound - row_value(level, i, at.still(), n_)) <= rows.near * length ||
+           std::abs(row_value(level, i, rows.x, n_) - bound) <= 1e-9 * (length + std::abs(bound));
   }
 
   // g_ = A'w in motion coordinates, step_ = P g_; ||A'w|| of each element, and the sum of its rows' squares, in those

@@ -1,5 +1,5 @@
-// Which of the points x + Z z is the answer where levels leave a choice: the shortest from the origin, by the metric if
-// there is one, without leaving the bounds of rows. What the metric leaves is the soft choice (solver/soft_choice.hpp).
+// Completion of an answer that levels leave undetermined: of the points x + Z z within the bounds of rows the one
+// nearest to the origin, by the metric if there is one. The soft choice determines the rest (solver/soft_choice.hpp).
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kUnseen = 1e-10;  // of a row: what it sees of a choice, not to see it
+constexpr double kUnseen = 1e-10;  // share of a row below which it does not see a direction
 
 class Choice {
  public:
@@ -62,7 +62,7 @@ class Choice {
     bounds_.push_back(row);
   }
 
-  // x, where the rows were added, to the answer; whether that was found.  metric (n, n), origin (n), or null.
+  // Move x, the point of begin(), to the answer; return false if that fails.  metric (n, n), origin (n), or null.
   bool take(const double* metric, const double* origin, double* x) {
     std::fill(z_.begin(), z_.end(), 0.0);
     if (!metric) by_length(origin);
@@ -85,7 +85,7 @@ class Choice {
       target_[q] = -dot_any(Z_.data() + static_cast<std::size_t>(q) * n_, step_.data(), n_);
     at_.set(nullptr, target_.data(), 0);
   }
-  // The same of its length by the metric; false if that sees no direction.
+  // As by_length(), with the length by the metric; return false if that sees no direction.
   bool by_metric(const double* metric, const double* origin) {
     at_.resize(free_);
     const int rank = metric_root(metric, n_, root_.data(), step_.data());

@@ -1,6 +1,6 @@
-// Of the points that keep to the rows of a stage, the one of least |y|: the multipliers of the rows by nonnegative
-// least squares (Lawson and Hanson 1974, chapter 23, problem LDP). It needs no working set, so that the answer is one,
-// however many rows are at their bounds and however little they differ.
+// The point of least |y| within the rows of a stage: their multipliers by nonnegative least squares (Lawson and Hanson
+// 1974, chapter 23, problem LDP). It needs no working set, so the answer is unique with any number of active rows,
+// nearly equal ones too.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +15,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// Of a row's length, what it must keep beside those held to hold a direction of its own: less where the answer would
-// violate a row.
+// Share of a row's length off the held rows above which it holds a direction of its own; the smaller share if the
+// answer would violate a row.
 constexpr double kOpposed = 1e-9, kSame = 1e-12;
 constexpr double kTurned = 1e-14;  // error of a row's direction
 // Rows that the start violates are held to their own bounds, so that the answer does not depend on the start, if this
@@ -25,7 +25,7 @@ constexpr double kAlike = 1e-3;
 
 class LeastDistance {
  public:
-  // n: of y, at most.  deadline: ends every solve.
+  // n: largest size of y.  deadline: ends every solve.
   LeastDistance(int n, int rows, Deadline& deadline) : ld_(padded(n + 1)), space_(n, padded(n), 0.0) {
     const std::size_t sides = 2 * static_cast<std::size_t>(rows);
     for (const bool placed : {false, true}) {
@@ -41,7 +41,7 @@ class LeastDistance {
     free_.reserve(n);
   }
 
-  // From y (N), which keeps to the rows, to the least; equalities stay where y meets them. Whether that was reached.
+  // Move y (N), a feasible point, to the least one; equalities keep their values. Return false if that fails.
   bool solve(StageRows& rows, int N, double* y) {
     space_.cut(0);
     for (int i = 0; i < rows.count(); ++i)
@@ -67,11 +67,11 @@ class LeastDistance {
     return reached;
   }
 
-  // Whether the equalities of the latest solve determine coordinate j.
+  // Return true if the equalities of the latest solve determine coordinate j.
   bool determines(int j) const { return space_.determines(j, space_.rank()); }
 
  private:
-  // Whether a point keeps to the columns.
+  // Return true if a point within the columns is found.
   bool least(int count) {
     bool reached = false;
     for (const double dependent : {kOpposed, kSame}) {
@@ -87,13 +87,13 @@ class LeastDistance {
     return size * std::sqrt(dot_any(least_.rest, least_.rest, count)) / least_.rest[count];
   }
 
-  // y goes there.
+  // Move y there; return its distance.
   double take(double* y, int count, double size) const {
     for (int j = 0; j < count; ++j) y[free_[j]] = -size * least_.rest[j] / least_.rest[count];
     return distance(count, size);
   }
 
-  // From here on the columns of rows that y violated are those of their own bounds; whether there are such rows.
+  // Use the own bounds of rows that y violated from now on; return true if there are such rows.
   bool inside(int count) {
     bool any = false;
     for (int k = 0; k < least_.count; ++k) {
@@ -104,8 +104,8 @@ class LeastDistance {
     return any;
   }
 
-  // Columns of row i: its free coordinates and its bound, or y where that is outside of it, in units of `size`, for
-  // each side that has one.
+  // Add a column for each bound of row i: its free coordinates and the bound, or its value at y if that is outside, in
+  // units of `size`.
   void bound(StageRows& rows, int i, int N, const double* y, double size) {
     const double* a = rows.row(i, N, [&](double* row) { space_.turn(row, N); });
     const double here = rows.shift(i) + dot_any(a, y, N);
@@ -130,7 +130,7 @@ class LeastDistance {
     }
   }
 
-  // Whether the answer keeps to all rows, those without a direction of their own among them.
+  // Return true if the answer is within all rows, also those without a direction of their own.
   bool keeps(int count) const {
     const double* rest = least_.rest;
     for (int k = 0; k < least_.count; ++k)

@@ -107,7 +107,7 @@ class MotionBound {
   }
 
  private:
-  // Former rows of a level in motion coordinates, picking rows by their number; square: of their change since.
+  // Former rows of a level in motion coordinates, picking rows by their number; square: sum of their squared change.
   struct Then {
     std::vector<double> rows;
     std::vector<std::int64_t> index;

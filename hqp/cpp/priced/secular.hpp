@@ -1,6 +1,6 @@
 // min ||M z - e|| + c/2 |z|^2 for rows M (m, N): z = M' (M M' + mu I)^-1 e with mu from a scalar equation. A few rows
-// are rotated until they are orthogonal, so that each step of the equation costs nothing; for many M M' becomes
-// tridiagonal, as long as mu is far enough from rounding.
+// are rotated until they are orthogonal, so that each step of the equation costs O(m); for many M M' becomes
+// tridiagonal, if mu is clear of rounding.
 #pragma once
 
 #include <cmath>
@@ -13,7 +13,7 @@ inline namespace HQP_ISA {
 
 constexpr double kRotated = 1e-26;  // a square that is rounding, relative to the largest
 constexpr double kShort = 1e-14;    // less than this, and more than rounding, is an uncertain direction
-constexpr int kFew = 5;             // rows that are rotated: less than a pose has
+constexpr int kFew = 5;             // largest number of rotated rows: less than a pose has
 constexpr double kClearOf = 1e-5;   // mu above this fraction of the largest square is clear of rounding
 constexpr double kSquared = 2e-8;   // a step of Newton, relative to mu, that leaves rounding
 
@@ -24,7 +24,7 @@ class Secular {
     for (auto* part : {&square_, &e_of_, &lambda_, &part_, &diagonal_, &beside_, &tau_}) part->reserve(m);
   }
 
-  // Rows M (m, ld) are replaced by the rotated ones, e (m) by U'e, where there are few.
+  // Solve; few rows M (m, ld) are replaced by the rotated ones, and e (m) by U'e.
   void solve(double* M, int ld, int N, double* e, int m, double price) {
     m_ = m;
     reduced_ = m > kFew && reduced(M, ld, N, e, price);
@@ -67,7 +67,7 @@ class Secular {
     return square_[i] > 0.0 && d > 0.0 ? e_[i] / d : 0.0;
   }
 
-  // u (m): w / ||w||, or the shortest multipliers where the level is met.
+  // u (m): w / ||w||, or the shortest multipliers if the level is met.
   void direction(double price, double* u) const {
     double length = 0.0;
     if (reduced_) {
@@ -91,9 +91,9 @@ class Secular {
   }
 
  private:
-  // lambda_ = (M M' + mu I)^-1 e with |lambda_| = 1 / c; false where mu is not clear of rounding, or the level is met.
-  // Newton on 1 / |lambda_|, which is concave in mu: from the left, where |lambda_| is at least |e| / (rho + mu), rho
-  // the Rayleigh quotient of e, it stays there.
+  // Find lambda_ = (M M' + mu I)^-1 e with |lambda_| = 1 / c; return false if mu is not clear of rounding, or the level
+  // is met. Newton on 1 / |lambda_|, which is concave in mu, stays left of the root; it starts from the bound |lambda_|
+  // >= |e| / (rho + mu), rho the Rayleigh quotient of e.
   bool reduced(const double* M, int ld, int N, const double* e, double price) {
     const int m = m_;
     gram_.resize(static_cast<std::size_t>(m) * m);

@@ -15,6 +15,7 @@
 
 #include "coordinates.hpp"
 #include "motion_bound.hpp"
+#include "priced_rows.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -129,7 +130,7 @@ class Settled {
     for (int i = 0; i < level.m; ++i) {
       const bool equal = level.lower[i] == level.upper[i];
       if (level.left_out(i) || (priced && !equal)) continue;
-      const double value = priced ? level.lower[i] : at_point(level, i, exact_);
+      const double value = priced ? level.lower[i] : row_value(level, i, exact_, n_);
       if (!equal && std::abs(slack(value, level.lower[i], level.upper[i])) <= met_ * (1.0 + std::abs(value))) continue;
       if (count_ == 0 && picks(level, i) && take_out(level, i, value)) ++frozen_;
       else append(level, i, value);
@@ -140,10 +141,6 @@ class Settled {
   // Return true if all equality rows from `from` on are independent.
   bool kept(int from) const {
     return std::find(kept_.begin() + from, kept_.begin() + equalities_, 0) == kept_.begin() + equalities_;
-  }
-
-  double at_point(const PricedLevel& level, int i, const double* x) const {
-    return level.A ? dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_) : level.scale[i] * x[level.index[i]];
   }
 
   bool picks(const PricedLevel& level, int i) const {
@@ -231,13 +228,13 @@ class Settled {
       const PricedLevel& level = level_[l];
       for (int i = 0; i < level.m; ++i) {
         if (level.lower[i] == level.upper[i] && held) continue;
-        const double value = at_point(level, i, x_.data());
+        const double value = row_value(level, i, x_.data(), n_);
         double w = slack(value, level.lower[i], level.upper[i]);
         if (w == 0.0) continue;
         const double allowed = kHolds * (1.0 + std::abs(value));
         if (std::abs(w) <= allowed) continue;
         if (!(prices_[l] > 0.0)) {  // an exact level may be off as far as x is
-          w -= slack(at_point(level, i, exact_), level.lower[i], level.upper[i]);
+          w -= slack(row_value(level, i, exact_, n_), level.lower[i], level.upper[i]);
           if (std::abs(w) <= allowed) continue;
         }
         if (level.lower[i] == level.upper[i]) {  // a dependent row
@@ -255,11 +252,7 @@ class Settled {
   // One more row.
   void append(const PricedLevel& level, int i, double target) {
     const int c = count_++;
-    const double* a = level.A ? level.A + static_cast<std::size_t>(i) * n_ : a_.data();
-    if (!level.A) {
-      std::fill(a_.begin(), a_.end(), 0.0);
-      a_[level.index[i]] = level.scale[i];
-    }
+    const double* a = coefficients(level, i, n_, a_);
     double* b = &B_[static_cast<std::size_t>(c) * ld_];
     at_->row(a, b);
     b_[c] = target - dot_any(a, at_->still(), n_);

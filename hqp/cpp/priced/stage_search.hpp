@@ -2,7 +2,7 @@
 // point that keeps to them. On the face of a working set the minimiser is known (secular.hpp), so every step goes to it
 // or to the first row in the way, and the value falls at every step that is not zero; after a zero step the lowest
 // index leaves and enters (Bland's rule), so that no working set comes back. After a search that was cut it
-// begins on the way to where that one ended, as far as the rows allow.
+// starts towards the end of that one, as far as the rows allow.
 #pragma once
 
 #include <algorithm>
@@ -17,16 +17,16 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kRounding = 4e-15;     // of a value, relative to |a| |x|
+constexpr double kRounding = 4e-15;     // rounding of a value, relative to |a| |x|
 constexpr double kAtBound = 1e-10;      // rows at their bounds, relative to |a| and the bound
 constexpr double kOnFace = 1e-12;       // rows that are not held keep to their bounds
 constexpr double kHeldOnFace = 1e-9;    // and those held, of which some may nearly depend on others
-constexpr double kNoDirection = 1e-13;  // what is left of a row whose direction the face has not
+constexpr double kNoDirection = 1e-13;  // remaining share of a row without a direction on the face
 constexpr double kNoStep = 1e-14;       // a step that is rounding, relative to 1 + |y|
 constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
 
-// What a stage minimises beside c/2 |y|^2: rows T (m, ld) whose lengths in x are size (m).
+// The objective of a stage beside c/2 |y|^2: rows T (m, ld), with the lengths `size` (m) in x.
 struct Aim {
   const double *T = nullptr, *t = nullptr, *size = nullptr;
   int ld = 0, m = 0;
@@ -35,8 +35,8 @@ struct Aim {
 
 class StageSearch {
  public:
-  // most: rows of an aim.  accurate: of a row's length and terms, and of the gradient: an end off by more is in doubt.
-  // rounded: see RowSpace.  deadline: ends every solve.
+  // most: rows of an aim.  accurate: share of a row's length and terms, and of the gradient: a larger error is
+  // doubtful. rounded: see RowSpace.  deadline: ends every solve.
   StageSearch(int most_rows, int n, int variables, int most, double accurate, double rounded, Deadline& deadline)
       : accurate_(accurate),
         deadline_(deadline),
@@ -59,9 +59,9 @@ class StageSearch {
     secular_.reserve(rows);
   }
 
-  // Minimise from y (N), which keeps to the rows, or where it may not (started) on the face of the working set alone.
-  // working: numbers of rows (+ 1, negative at the lower side) to begin with, and those active at the end.  near: an x
-  // (n) to begin near, or empty.  Whether the optimum was reached.
+  // Minimise from y (N); return true at the optimum.  started: true if y is feasible, else only the face of the working
+  // set is tried.  working: numbers of rows (+ 1, negative at the lower side) to begin with, and those active at the
+  // end.  near: an x (n) to begin near, or empty.
   bool solve(StageRows& rows, int N, const Aim& aim, double* y, std::vector<int>& working, int& iterations,
              const std::vector<double>& near = {}, bool started = true) {
     rows_ = &rows;
@@ -101,10 +101,10 @@ class StageSearch {
     return reached;
   }
 
-  // Whether directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
+  // True if directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
-  // Whether the end y of the latest solve may be none: it leaves a row by more than rounding, a row stays held that
-  // pulls the wrong way by more, or rows pull so much, nearly against each other, that their own rounding does.
+  // Return true if the end y of the latest solve violates a row or a sign by more than rounding, or if nearly opposed
+  // multipliers are so large that their rounding does.
   bool strays(const double* y) {
     if (off_ > accurate_) return true;
     at_point(y);
@@ -117,7 +117,7 @@ class StageSearch {
     }
     return false;
   }
-  // Whether the equalities determine coordinate j.
+  // Return true if the equalities determine coordinate j.
   bool determines(int j) const { return space_.determines(j, fixed_); }
 
   // The rows held at the end, and their multipliers.
@@ -125,7 +125,7 @@ class StageSearch {
   const std::vector<double>& multipliers() const { return lambda_; }
 
  private:
-  // From y along faces, beginning with the rows of the working set given that y meets; whether the optimum was reached.
+  // Descend from y along faces, with the rows of the working set that are at their bound; return true at the optimum.
   bool descend(const std::vector<int>& working, double* y, int& iterations) {
     begin();
     at_point(y);
@@ -136,8 +136,8 @@ class StageSearch {
     const int cap = 20 * (N_ + rows_->count());
     bool zero = false;
     int left = -1;  // row that left a moment ago
-    // How often a row was in the way of its own release, and the longest step that it stopped. Once that was more often
-    // than rows are held, a shorter move is rounding and lets no kept row go: the search would go round.
+    // own: count of rows that blocked their own release; still: the longest step that they stopped. Once own exceeds
+    // the number of held rows, a shorter move is rounding and releases no kept row: the search would cycle.
     std::size_t own = 0;
     double still = 0.0;
     for (int step = 0; step < cap; ++step) {
@@ -173,8 +173,8 @@ class StageSearch {
     return false;
   }
 
-  // y goes towards near, as far as the rows allow, where it lessens the value: near on the face that is held, the
-  // bounds of the latest working set, and near on the equalities.
+  // Move y towards `near`, within the rows, if this lessens the objective: first on the held face, at the bounds of the
+  // latest working set, then on the equalities.
   void approach(const std::vector<double>& near, double* y) {
     double least = value(y);
     for (const bool face : {true, false}) {
@@ -207,7 +207,7 @@ class StageSearch {
     }
   }
 
-  // Bands in aim_ of all rows, or of those that are not held: to the bound that is held, or the least that x (n) needs.
+  // Set the bands in aim_ of all rows, or of those not held: to the held bound, or to the least that x (n) needs.
   void set_bands(const double* x, bool all) {
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
@@ -236,8 +236,8 @@ class StageSearch {
       if (!(*rows_)[i].equal()) working.push_back(side_[i] * ((*rows_)[i].number + 1));
   }
 
-  // The equalities, ahead of them the rows of a working set that pick one coordinate: those cost nothing, as long as
-  // nothing else came before, where all coordinates move. Whether there are any.
+  // Hold the equalities, and before them the rows of a working set that pick one coordinate: as the first rows they
+  // need no reflection if all coordinates move. Return true if there are any.
   bool hold(const std::vector<int>& working) {
     rows_->forget_turned();  // other rows may stand before the equalities than in the search before
     set_.clear();
@@ -260,13 +260,13 @@ class StageSearch {
     return ahead;
   }
 
-  // The row of an entry of a working set, -1 where it is none, has another meaning by now, or is held.
+  // The row of an entry of a working set, -1 if it is absent, has lost its bound, or is held.
   int row_of(int entry) const {
     const int i = rows_->place(std::abs(entry) - 1);
     return i < 0 || side_[i] != 0 || !std::isfinite((*rows_)[i].bound(entry > 0 ? 1 : -1)) ? -1 : i;
   }
 
-  // Only the equalities are held.
+  // Hold the equalities alone.
   void begin() {
     std::fill(side_.begin(), side_.begin() + rows_->count(), 0);
     std::fill(kept_.begin(), kept_.begin() + rows_->count(), 0);
@@ -277,8 +277,8 @@ class StageSearch {
     for (const int i : spanned_) side_[i] = 2;
   }
 
-  // Whether the minimiser on the face of the working set given keeps to all rows and is the optimum: in a loop it
-  // mostly is the set of the last tick. y moves there, or stays.
+  // Move y to the minimiser on the face of the working set if that is the optimum within all rows; else return false.
+  // In a loop the active set of the last tick is mostly the right one.
   bool on_the_face_of(const std::vector<int>& working, double* y) {
     enter_all(working);
     for (std::size_t k = 0; k < set_.size(); ++k)
@@ -290,14 +290,14 @@ class StageSearch {
       const StageRow& row = (*rows_)[i];
       const double off = std::abs(side_[i]) == 1 ? kHeldOnFace : kOnFace, value = row.value(x_.data(), aim_.data(), n_);
       if (!(value >= row.lower - allowed(row, off, row.lower) && value <= row.upper + allowed(row, off, row.upper)))
-        return false;  // nor for what is no number
+        return false;  // also for NaN
     }
     if (wrong_sign(aim_.data(), false) >= 0) return false;
     std::copy(aim_.begin(), aim_.begin() + N_, y);
     return true;
   }
 
-  // Whether y misses the bound of a held row by more than that row's rounding.
+  // Return true if y misses the bound of a held row by more than that row's rounding.
   bool leaves_its_face(const double* y) {
     at_point(y);
     for (const int i : set_) {
@@ -308,13 +308,13 @@ class StageSearch {
     return false;
   }
 
-  // x_ of y.
+  // Compute x_ at y.
   void at_point(const double* y) {
     rows_->at().point(y, x_.data());
     size_ = std::sqrt(dot_any(x_.data(), x_.data(), n_));
   }
 
-  // By how much a row may be off at x_.
+  // Error that a row may have at x_.
   double allowed(const StageRow& row, double off, double bound) const {
     return off * (row.size + std::abs(bound)) + kRounding * row.size * size_;
   }
@@ -325,7 +325,7 @@ class StageSearch {
     return std::abs(row.value(x_.data(), y, n_) - bound) <= allowed(row, kAtBound, bound);
   }
 
-  // A row that depends on those held stays where it is without being held.
+  // Hold a row; one that depends on those held keeps its value without.
   void enter(int i, int side) {
     if (!(space_.picks() && rows_->only(i) >= 0 ? space_.pick(rows_->only(i), rows_->entry(i)) : add(i))) {
       side_[i] = 2;
@@ -381,8 +381,8 @@ class StageSearch {
     turned_by_ = rank;
   }
 
-  // part_ of the face through y. What a row held misses of its bound stays: to mend it along nearly dependent rows
-  // would be a step of that much over their smallest pivot, out of all other rows.
+  // Compute part_ of the face through y. Errors of held rows stay: a correction along nearly dependent rows would be
+  // the error over their smallest pivot, and violate all other rows.
   void through(const double* y) {
     std::copy(y, y + N_, y_.begin());
     space_.turn(y_.data(), N_);
@@ -414,7 +414,7 @@ class StageSearch {
     space_.turn_back(aim_.data(), N_);
   }
 
-  // The row that the step aim_ meets first and how far that is, -1 for none within the step.
+  // The row that the step aim_ meets first, and the share of the step up to it; -1 for none within the step.
   int first_in_the_way(const double* y, bool lowest, double& far) {
     int found = -1;
     rows_->at().step(aim_.data(), move_.data());
@@ -434,8 +434,8 @@ class StageSearch {
     return found;
   }
 
-  // Whether a step that hardly moves row i takes it out of its bounds by more than the rounding of its terms: a step
-  // from far away is long.
+  // Return true if a step that hardly moves row i still takes it out of its bounds by more than the rounding of its
+  // terms: a step from far away is long.
   bool left(int i, double value, const double* y) const {
     const StageRow& row = (*rows_)[i];
     if (rate_[i] == 0.0 || !row.a) return false;
@@ -444,7 +444,7 @@ class StageSearch {
     return (rate_[i] > 0.0 ? after - bound : bound - after) > kOnRow * size;
   }
 
-  // Of a row at x and y, without signs.
+  // Sum of the absolute terms of a row at x and y.
   double terms(const StageRow& row, const double* x, const double* y) const {
     const double own = row.a ? absolute_dot(row.a, x, n_) : std::abs(row.scale * x[row.only]);
     return row.band < 0 ? own : own + std::abs(row.share * y[row.band]);
@@ -493,9 +493,9 @@ class StageSearch {
   std::vector<int> side_;
   std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
   std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, base_, turned_, e_, u_;
-  int turned_by_ = -1;  // rows held that turned_ is turned by, -1 for none
+  int turned_by_ = -1;  // count of held rows whose reflections are in turned_, -1 for none
   double size_ = 0.0;
-  double off_ = 0.0;  // of the gradient: what the signs of rows that are kept, and the rounding of rows held, put in
+  double off_ = 0.0;  // relative error of the gradient, by the signs of kept rows and the rounding of held ones
 };
 
 }  // namespace HQP_ISA

@@ -10,7 +10,7 @@
 
 namespace hqp {
 
-// One level of the hierarchy, read where it lies; A is (m, n), or null for rows that each pick one variable.
+// One level of the hierarchy, read in place; A is (m, n), or null for rows that each pick one variable.
 struct PricedLevel {
   int m = 0;
   const double* A = nullptr;

@@ -1,7 +1,7 @@
 // Rows that only one of two stacks has request the motion of the other stack, or a point on the way there, ahead of
 // their solve:
 //
-//   b' = J x_other + k (b - J x_other),    k = h^p where the row comes, (1 - h)^p where it goes,    p = 3/4
+//   b' = J x_other + k (b - J x_other),    k = h^p for a new row, (1 - h)^p for a leaving one,    p = 3/4
 //
 // the intermediate desired value of Lee, Mansard and Park (2012).  A task that is far from its target is out of reach
 // at once; its answer is costly to find, and more than a transition can use.  Answers are blended all the same, by so

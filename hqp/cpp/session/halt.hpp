@@ -27,7 +27,7 @@ class Halt {
   const char* why() const { return why_.load(); }
   static const char* waiting() { return "no answer was usable"; }
 
-  // The command has been coming to rest for so many ticks.
+  // Take the count of ticks for which the command has been coming to rest.
   void rested(std::int64_t ticks) {
     const char* runs = nullptr;
     if (after_ > 0 && ticks > after_) why_.compare_exchange_strong(runs, waiting());

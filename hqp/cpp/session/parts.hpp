@@ -38,7 +38,7 @@ std::vector<Level> levels_of(const Node& p, std::size_t n) {
   return found;
 }
 
-// The prices of so many levels on the motion of n variables, none if no level has one.
+// The prices of the levels on the motion of n variables, none if no level has one.
 template <class Node>
 Law law_of(const Node& p, std::size_t levels, std::size_t n) {
   Law law;

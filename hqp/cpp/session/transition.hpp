@@ -35,7 +35,7 @@ struct Way {
   }
 
   std::vector<Stop> stops;
-  std::unique_ptr<Stop> direct;   // the last stop as the second one, where contacts were measured to switch already
+  std::unique_ptr<Stop> direct;   // the last stop as the second one, if measured loads show that contacts have switched
   std::vector<std::string> here;  // contacts on their way out that are held where they are
   double light;                   // load up to which a contact is let go as it is [N]
 
