@@ -16,7 +16,7 @@ from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
-from hqp.policies.servo import Gains, Servos
+from hqp.policies.servo import Gains, Servos, within
 from hqp.tasks import CollisionAvoidance, JointLimits, JointVelocity, PrescribedMotion
 from hqp.tasks.limits import home_inertia
 
@@ -27,6 +27,12 @@ BRAKING = 200.0
 
 SHARE = 0.8
 """Share of a motor's torque that its deceleration may take."""
+
+FASTEST = 1e6
+"""Largest velocity of a policy that is not replaced [rad/s]."""
+
+UNLIMITED = 1e3
+"""Largest remaining torque of a joint without an effort limit, or with a larger one [N m]."""
 
 BLEND = 0.1
 """Share of a new estimate of the remaining torque in a tick."""
@@ -118,6 +124,11 @@ def default_limits(robot: Robot) -> tuple[JointLimits, ...]:
     )  # fmt: skip
 
 
+def known(numbers: Vec) -> Vec:
+    """The numbers, zero for those that are not finite."""
+    return np.where(np.isfinite(numbers), numbers, 0.0)
+
+
 class Prediction:
     """Commands of one robot ``(n,)`` or of many ``(count, n)``, before and behind the stack."""
 
@@ -142,18 +153,17 @@ class Prediction:
         if given.shape != q.shape:
             raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(q.shape))
         self._observe(q, v)
-        q, v = np.nan_to_num(q), np.nan_to_num(v)
         if self._last is None:
-            self._path = q
-            self._last = q.copy() if self._kind == "positions" else np.zeros(q.shape)
+            self._path = known(q)
+            self._last = known(q) if self._kind == "positions" else np.zeros(q.shape)
         given = np.where(np.isfinite(given), given, self._last)
         servos = self.servos
         if self._kind == "velocities":
-            most = 1e6
-            given = np.clip(given, -most, most)
+            given = within(given, -FASTEST, FASTEST)
             return given, given
+        q, v = known(q), known(v)
         if self._kind == "torques":
-            given = np.clip(given, -servos.effort, servos.effort)
+            given = within(given, -servos.effort, servos.effort)
             return given, v + servos.dt * (given + self._rest) / servos.inertia
         given = servos.within_effort(given, q, v)
         return given, servos.velocity(given, q, v, self._rest)
@@ -166,19 +176,25 @@ class Prediction:
         and torques lack the middle terms.
         """
         servos, measured = self.servos, np.isfinite(q) & np.isfinite(v)
-        q, v = np.nan_to_num(q), np.nan_to_num(v)
+        solved = np.asarray(solved)[..., None]
+        usual = bool(measured.all() and solved.all())
+        if not usual:
+            q, v = known(q), known(v)
         if self._kind == "velocities":
             sent = command + (x - free)
         elif self._kind == "torques":
-            sent = np.clip(command + (x - free) * servos.inertia / servos.dt, -servos.effort, servos.effort)
+            sent = within(command + (x - free) * servos.inertia / servos.dt, -servos.effort, servos.effort)
         else:
             sent = servos.within_effort(servos.shifted(command, x - free), q, v)
         assert self._last is not None
-        solved = np.asarray(solved)[..., None]
-        sent = np.where(solved, sent, self._slowed(x, q, v, measured))
+        if usual:  # the same numbers in fewer operations
+            self._before, path = v.copy(), q
+        else:
+            sent = np.where(solved, sent, self._slowed(x, q, v, measured))
+            self._before = np.where(measured, v, math.nan)
+            path = np.where(measured & solved, q, self._path)
         self._last = np.where(np.isfinite(sent), sent, self._last)
-        self._before = np.where(measured, v, math.nan)
-        self._path, self._rate = np.where(measured & solved, q, self._path) + servos.dt * x, x
+        self._path, self._rate = path + servos.dt * x, x
         return self._last.copy()
 
     def _slowed(self, x: Vec, q: Vec, v: Vec, measured: Mask) -> Vec:
@@ -188,7 +204,7 @@ class Prediction:
             return x
         back = np.where(measured, 2.0 * (x - v) / T + (p - q) / T**2, 0.0)
         change = (x - self._rate) / servos.dt + back
-        tau = np.clip(servos.inertia * change - self._rest, -servos.effort, servos.effort)
+        tau = within(servos.inertia * change - self._rest, -servos.effort, servos.effort)
         if self._kind == "torques":
             return np.asarray(tau)
         return np.where(measured, servos.target(tau, q, x), p + (servos.kd * x - self._rest) / servos.kp)
@@ -201,8 +217,8 @@ class Prediction:
         assert self._last is not None
         own = self._last if self._kind == "torques" else servos.kp * (self._last - q) - servos.kd * v
         found = servos.inertia * (v - v_then) / servos.dt - own
-        most = np.where(np.isfinite(servos.effort), servos.effort, 1e3)
-        found = np.where(np.isfinite(found), np.clip(found, -most, most), self._rest)
+        most = np.minimum(servos.effort, UNLIMITED)
+        found = np.where(np.isfinite(found), within(found, -most, most), self._rest)
         self._rest = self._rest + BLEND * (found - self._rest)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,15 +44,15 @@ class Servos:
             gains(owner, "kp", kp, names), gains(owner, "kd", kd, names), home_inertia(robot)[joints], effort, dt
         )
 
-    @property
+    @cached_property
     def stiff(self) -> Vec:
         """I + dt kd + dt^2 kp ``(n,)``."""
         return self.inertia + self.dt * (self.kd + self.dt * self.kp)
 
     def within_effort(self, target: Vec, q: Vec, v: Vec) -> Vec:
         """Move the target so that its torque is within the effort limits."""
-        low, high = q + (self.kd * v - self.effort) / self.kp, q + (self.kd * v + self.effort) / self.kp
-        return np.clip(target, low, high)
+        damping = self.kd * v
+        return within(target, q + (damping - self.effort) / self.kp, q + (damping + self.effort) / self.kp)
 
     def velocity(self, target: Vec, q: Vec, v: Vec, rest: Vec | float = 0.0) -> Vec:
         """v+ under a target; rest: d."""
@@ -64,6 +65,11 @@ class Servos:
     def target(self, torque: Vec, q: Vec, after: Vec) -> Vec:
         """The target whose torque at the end of the period, at q + dt v+ and v+ = ``after``, is this one."""
         return q + self.dt * after + (torque + self.kd * after) / self.kp
+
+
+def within(numbers: Vec, low: Vec | float, high: Vec | float) -> Vec:
+    """The numbers within bounds: ``np.clip`` in half the time."""
+    return np.minimum(np.maximum(numbers, low), high)
 
 
 def gains(owner: str, what: str, given: Gains, names: list[str]) -> Vec:
