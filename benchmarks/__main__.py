@@ -36,6 +36,8 @@ EXTRA = {
     "collision": "blocked hands, a table in MuJoCo, and the cost of pairs",
     "surfaces": "capsules around the surfaces of all shipped and of generated robots",
     "pages": "tables of the experiments' pages from the committed runs",
+    "arms": "arms above the legs of a public walking policy, beside pink",
+    "filter": "times of a filter behind a policy, and hostile commands",
     "reach": "inverse kinematics to 1000 random poses, beside roboplan",
 }
 """Parts that the main job leaves out."""
@@ -49,6 +51,8 @@ ROOMS = {
     "calm": "calm.command",
     "collision": "collision.command",
     "surfaces": "collision.surfaces",
+    "arms": "policies.arms",
+    "filter": "policies.filter",
     "reach": "reach.command",
 }
 """Modules whose names differ from their parts'."""

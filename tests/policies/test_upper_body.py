@@ -75,7 +75,7 @@ def test_drawn_goals_above_moving_legs(name: str) -> None:
                 goal[:3, 3] += rng.uniform(-0.5, 0.5, 3)
         v[legs] = 0.2 * np.sin(0.1 * i + legs)
         tick = arms.step(robot.state(q, v), *(h.at(goal) for h, goal in zip(arms.hands, goals, strict=True)))
-        assert tick.tick.solved, tick.tick.notes
+        assert tick.tick.status.solved, tick.tick.notes
         v[arms.columns] = tick.velocities
         q = robot.integrate(q, v, DT)
         angles = robot.state(q).angles[arms.columns]
