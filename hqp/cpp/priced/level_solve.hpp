@@ -158,7 +158,6 @@ class LevelSolve final : public SolveCall {
   }
   // The level above which all are settled, for the next solve; 0 if unknown.
   int head() const { return head_; }
-  void begin_at(int head) { head_ = head; }
   // Time since the latest solve began [s].
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 

@@ -28,7 +28,6 @@ class ContactWatch {
         ticks_(names_.size(), 0),
         out_(names_.size(), false) {}
 
-  const std::vector<std::string>& names() const { return names_; }
   void measure(std::size_t k, double load) {  // [N]
     if (out_[k]) return;
     if (load < kLeastLoad) ++ticks_[k];
@@ -38,10 +37,6 @@ class ContactWatch {
   void judge(std::size_t k, bool out) {
     out_[k] = out;
     if (out) ticks_[k] = 0;
-  }
-  // True if a contact carried nothing at its last measurement.
-  bool missing() const {
-    return std::any_of(ticks_.begin(), ticks_.end(), [](std::int64_t ticks) { return ticks > 0; });
   }
   template <class Tell>
   void lost(const Tell& tell) const {

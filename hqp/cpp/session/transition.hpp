@@ -204,9 +204,6 @@ class Transition {
   bool done() const { return sent_.done; }
   bool good() const { return good_; }
   int depth() const { return 1 + (under_way_ ? under_way_->depth() : 0); }
-  // Stacks at work, by their indices on the way; the first one may stand for a transition that is under way.
-  std::pair<std::size_t, std::size_t> pair() const { return {order_[ramp_.at()], order_[ramp_.at() + 1]}; }
-  Transition* under_way() const { return under_way_; }
   Guarded& last() const { return *stacks_.back(); }
 
  private:
