@@ -27,6 +27,8 @@ MARK, END = "<!-- tables: python -m benchmarks filter --page docs/policy-filter.
 """Marks in the page around the generated tables."""
 CLEARANCE, NEAR, FAR = 0.01, 0.1, 0.3
 """Clearance of the pairs, their default influence, and one that leaves motors the way to brake [m]."""
+BEYOND = 0.05
+"""Largest distance that is measured [m]."""
 JUDGED = 20
 """Hostile ticks between two judgements of the distances."""
 
@@ -129,7 +131,8 @@ class Hostile:
         return (
             self.robot, self.kind, f"{self.influence:g}", str(self.ticks), str(self.changed), str(self.unsolved),
             f"{max(self.over, 0.0):.1e}",
-            f"{self.fast:.6f}", f"{self.torque:.6f}", f"{1e3 * self.least:.1f}", f"{self.touches} of {self.judged}",
+            f"{self.fast:.6f}", "" if self.kind == "velocities" else f"{self.torque:.6f}",
+            f"{1e3 * self.least:.1f}" if self.least < BEYOND else "above 50", f"{self.touches} of {self.judged}",
         )  # fmt: skip
 
 
@@ -179,7 +182,7 @@ class Shapes:
     def least(self, q: Any) -> float:
         """Distance [m], 0 for a touch; pairs whose balls are farther than 5 cm are left out."""
         pin.updateGeometryPlacements(self._robot.model, self._data, self._geometry, self._placed, q)
-        items, found = self._geometry.geometryObjects, 0.05
+        items, found = self._geometry.geometryObjects, BEYOND
         for one, two in self._pairs:
             for a in self._of.get(one, ()):
                 for b in self._of.get(two, ()):

@@ -28,6 +28,7 @@ from hqp.tasks import (
     Orientation,
     Payload,
     Pose,
+    Position,
     Posture,
     PrescribedMotion,
     SupportPolygon,
@@ -37,6 +38,9 @@ from hqp.tasks import (
 from hqp.tasks.collision_pairs import candidates
 from hqp.torque import Torque
 
+RATES = ("velocity", "acceleration")
+"""Fields of a reference with a number for each row."""
+
 Output = Literal["positions", "velocities", "torques"]
 
 
@@ -44,7 +48,8 @@ Output = Literal["positions", "velocities", "torques"]
 class UpperBody:
     """Control all joints but ``legs``, with legs and base as measured (``PrescribedMotion``):
 
-        limits, self-collision > centre of mass over the soles > near its place over the base > hands > trunk > posture.
+        limits, self-collision > centre of mass over the soles > near its place over the base
+            > places of the hands > their orientations > trunk > posture.
 
     legs: joints or groups of the other controller.  hands: frames with a Pose each, the robot's palms for None.
     trunk: frame with a fixed orientation, or "".  reach [m]: largest distance of the centre of mass from its place at
@@ -102,7 +107,10 @@ class UpperBody:
         return found
 
     def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
-        """Its stack; names: ``legs``, ``support``, ``balance``, ``hand 0``, ..., ``trunk``, ``posture``, ``load 0``."""
+        """Its stack, whose hands have a Position above their Pose.
+
+        Names: ``legs``, ``support``, ``balance``, ``place 0``, ``hand 0``, ..., ``trunk``, ``posture``, ``load 0``.
+        """
         joints, torque = self.joints(robot), self.output != "velocities"
         frames = tuple(self.hands) if self.hands is not None else tuple(robot.landmarks.get("palms", ()))
         if not frames:
@@ -117,6 +125,9 @@ class UpperBody:
         if math.isfinite(self.reach):
             com = Com(axes="xy", relative_to=_base(robot), heading=robot.floating)
             levels.append(Level(Within(com, lower=-self.reach, upper=self.reach, name="balance"), name="balance"))
+        levels.append(
+            Level(*(Position(frame=f, law=law, name=f"place {k}") for k, f in enumerate(frames)), name="places")
+        )
         levels.append(Level(*(Pose(frame=f, law=law, name=f"hand {k}") for k, f in enumerate(frames)), name="hands"))
         if self.trunk:
             levels.append(Level(Orientation(frame=self.trunk, law=slow, name="trunk"), name="trunk"))
@@ -151,6 +162,15 @@ class UpperBody:
         """
         session = self.controller(robot, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
         return UpperBodySession(self, session)
+
+
+def placed(hand: Reference) -> Reference:
+    """Reference of the Position of a hand, from that of its Pose."""
+    parts = {what: None if given is None else given[:3] for what, given in vars(hand).items() if what in RATES}
+    value = None if hand.value is None else np.asarray(hand.value)[:3, 3]
+    return Reference(
+        **{**vars(hand), **parts, "name": hand.name.replace("hand", "place"), "value": value, "remarks": ()}
+    )
 
 
 def polygon(state: State, feet: Mapping[str, Mat], standing: Collection[str] | None = None) -> Mat:
@@ -195,6 +215,7 @@ class UpperBodySession:
             self._servos = Servos.of("UpperBody", self.robot, self.columns, declared.kp, declared.kd, session.dt)
         stack = session.stack
         self.hands: tuple[Any, ...] = tuple(e for e in stack if isinstance(e, Pose))
+        self._hands = {hand.name for hand in self.hands}
         self.loads: tuple[Any, ...] = tuple(e for e in stack if isinstance(e, Payload))
         self.balance, self.trunk, self.posture = (
             (stack.find(name) if name in stack else None) for name in ("balance", "trunk", "posture")
@@ -217,7 +238,8 @@ class UpperBodySession:
         """
         support = self._supported(state, standing)
         carried = loads if isinstance(loads, Mapping) else dict(zip((e.frame for e in self.loads), loads, strict=False))
-        given = [*references, *support, *(e.at(carried[e.frame]) for e in self.loads if e.frame in carried)]
+        places = [placed(r) for r in references if r.name in self._hands]
+        given = [*references, *places, *support, *(e.at(carried[e.frame]) for e in self.loads if e.frame in carried)]
         torque = self.declared.output != "velocities"
         if not torque:
             state = self._commanded(state)

@@ -111,6 +111,35 @@ def test_the_centre_of_mass_stays_near_its_place_over_the_base() -> None:
     assert moved[math.inf] > 0.025
 
 
+@pytest.mark.parametrize("output", ["velocities", "torques"])
+@pytest.mark.parametrize("name", ["g1", "talos"])
+def test_an_orientation_out_of_reach_costs_no_place(name: str, output: str) -> None:
+    """Drawn rotations of hands, most of them out of reach: the hands are at their places, by Pinocchio."""
+    import pinocchio as pin
+
+    robot, rng = load(name), np.random.default_rng(5)
+    still = [*legs_of(robot), *(joint for joint in robot.joint_names if "waist" in joint or "torso" in joint)]
+    hands = robot.landmarks["palms"][:2]
+    arms = UpperBody(legs=still, hands=hands, output=output, reach=math.inf).session(robot, DT, deadline=math.inf)  # type: ignore[arg-type]
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goals = [np.array(hand.value(robot.state(q))) for hand in arms.hands]
+    for goal in goals:
+        turn = rng.normal(size=3)
+        goal[:3, :3] = pin.exp3(2.5 * turn / np.linalg.norm(turn)) @ goal[:3, :3]
+        goal[:3, 3] += (0.05, 0.0, 0.05)
+    for _ in range(300):
+        tick = arms.step(robot.state(q, v), *(h.at(goal) for h, goal in zip(arms.hands, goals, strict=True)))
+        v[arms.columns] = tick.velocities
+        q = robot.integrate(q, v, DT)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    places = [data.oMf[robot.frame(hand.frame)] for hand in arms.hands]
+    turned = [np.linalg.norm(pin.log3(p.rotation @ g[:3, :3].T)) for p, g in zip(places, goals, strict=True)]
+    off = [np.linalg.norm(p.translation - g[:3, 3]) for p, g in zip(places, goals, strict=True)]
+    assert max(turned) > 0.3
+    assert max(off) < 5e-3
+
+
 def test_a_load_in_a_hand_is_carried() -> None:
     """At rest the torque changes by the weight's moments, by Pinocchio's Jacobian."""
     import pinocchio as pin
@@ -145,7 +174,8 @@ def test_its_stack_in_a_file_has_the_same_bits(output: str) -> None:
             for name, value in arms.session.hold_values.items():
                 if name in file.names:
                     file.hold(name, value)
-        np.testing.assert_array_equal(file.step(q, v, goals).x, tick.x)
+        places = {name.replace("hand", "place"): goal[:3, 3] for name, goal in goals.items()}
+        np.testing.assert_array_equal(file.step(q, v, goals | places).x, tick.x)
         q, v = tick.advance()
 
 
