@@ -88,9 +88,9 @@ class Course:
         self._last: Vec | None = None
         step = self.walker.step
 
-        def timed(*given: Any) -> Any:
+        def timed(*given: Any, **named: Any) -> Any:
             start = time.thread_time()
-            tick = step(*given)
+            tick = step(*given, **named)
             self.times.append(time.thread_time() - start)
             return tick
 

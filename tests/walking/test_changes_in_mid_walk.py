@@ -46,20 +46,20 @@ def test_a_walk_bears_changes_that_take_time(name: str, jump: float, monkeypatch
     stacks = {phase: only(whole, phase) for phase in whole.phases()}
     session.change(stacks["both"])
     loads: list[float] = []
-    now = "both"
+    current = "both"
 
-    def felt(state: Any, *references: Reference, phase: str) -> Any:
-        nonlocal now
-        if phase != now:
-            now = phase
+    def felt(state: Any, *references: Reference, phase: str, **named: Any) -> Any:
+        nonlocal current
+        if phase != current:
+            current = phase
             session.change(stacks[phase], OVER)
         contacts = zip((foot.name for foot in walker.feet), loads, strict=True)
         given = (r for r in references if r.name in session)
-        return step(state, *given, *(Reference(n).loaded(f) for n, f in contacts if n in session))
+        return step(state, *given, *(Reference(n).loaded(f) for n, f in contacts if n in session), **named)
 
-    def walked(state: Any, given: Any) -> Any:
+    def walked(state: Any, given: Any, **named: Any) -> Any:
         loads[:] = given
-        return walk(state, given)
+        return walk(state, given, **named)
 
     monkeypatch.setattr(session, "step", felt)
     monkeypatch.setattr(walker, "step", walked)
