@@ -47,11 +47,12 @@ class CollisionAvoidance(Inequality):
     another SRDF; ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
     clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: largest d with a row, above the
     clearance.  rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
-    in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while it is
-    near), 64 or as many as there may be by default.  Capsules side by side have rows for their ends as well, which fade
-    out from 10 to 20 degrees.  In ``subject_to`` rows stand below contacts and joint limits, so that a pair that cannot
-    be kept apart does not cost the feet; in a level they are kept if its priority allows.  Raises DeclarationError for
-    fields and for pairs that name nothing, ModelError for a robot without shapes.
+    in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while
+    it is near, and those with the least distance less clearance have one); by default 64 more than at home.
+    Capsules side by side have rows for their ends as well, which fade out from 10 to 20 degrees.  In ``subject_to``
+    rows stand below contacts and joint limits, so that a pair that cannot be kept apart does not cost the feet; in
+    a level they are kept if its priority allows.  Raises DeclarationError for fields and for pairs that name
+    nothing, ModelError for a robot without shapes.
     """
 
     steered: ClassVar[bool] = True

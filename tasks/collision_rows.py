@@ -29,17 +29,20 @@ class Near(NamedTuple):
 
 
 def assign(slots: NDArray[np.int32], near: dict[int, float]) -> None:
-    """A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off."""
+    """Give slots to rows that are near; near: distance less clearance of each [m].
+
+    A row keeps its slot while it is near; others get free slots, then those of rows with a larger margin.
+    """
     for k, pair in enumerate(slots.tolist()):
         if pair not in near:
             slots[k] = -1
-    for pair, distance in near.items():
+    for pair, margin in near.items():
         if pair in slots:
             continue
         free = np.flatnonzero(slots < 0)
         if free.size:
             slots[free[0]] = pair
             continue
-        farthest = max(range(slots.size), key=lambda k: near[int(slots[k])])
-        if near[int(slots[farthest])] > distance:
-            slots[farthest] = pair
+        widest = max(range(slots.size), key=lambda k: near[int(slots[k])])
+        if near[int(slots[widest])] > margin:
+            slots[widest] = pair

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .collision import CollisionAvoidance
 
 MOST = 64
-"""Slots by default, where there are more pairs."""
+"""Slots by default beside those of rows that are near at home, if there are more pairs."""
 Tables: TypeAlias = tuple[
     tuple[tuple[int, tuple[float, ...], float], ...],
     tuple[tuple[int, tuple[float, ...]], ...],
@@ -92,10 +92,11 @@ class Scene:
         """Pairs whose capsules overlap at home and by how far, the deepest first: nothing keeps them apart."""
         self.pairs, self.clearance = found, np.array(clearances)
         most = len(found) + 4 * sum(self._sided(*pair) for pair in found)
-        self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, most), -1, dtype=np.int32)
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}
         self._sizes = np.array([0.5 * math.dist(c.a, c.b) + c.radius for c in self.capsules])
         self._pairs = np.array(found)
+        at_home = self._near([self._ends(k, home) for k in range(self.links)], declared)
+        self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST + len(at_home), most), -1, dtype=np.int32)
 
     def body(self, k: int) -> int:
         """Body of a shape, 0 for the world."""
@@ -176,7 +177,14 @@ class Scene:
     def update(self, state: State, poses: Mat) -> list[Near | None]:
         """Measure pairs that may be near, assign slots, and return the content of each slot."""
         state.kinematics()
-        ends = [self.ends(k) for k in range(self.links)]
+        near = self._near([self.ends(k) for k in range(self.links)], poses)
+        assign(self.slots, {row: n.distance - n.clearance for row, n in near.items()})
+        deepest = self._deepest(near.values())
+        rows = [near[p] if p >= 0 else None for p in self.slots.tolist()]
+        return [n and n._replace(deepest=min(deepest[self._owner(k)] for k in self.pair(n.pair))) for n in rows]
+
+    def _near(self, ends: list[tuple[Vec, Vec]], poses: Mat) -> dict[int, Near]:
+        """Rows within the influence: pairs and ends of capsules side by side."""
         near: dict[int, Near] = {}
         for pair in self._candidates_near(ends, poses):
             i, j = self.pairs[pair]
@@ -190,10 +198,7 @@ class Scene:
                 found = self.measure(row, poses, *both)
                 if found[0] < self._element.influence:
                     near[row] = Near(row, found[0], clearance, *found[1:], fade)
-        assign(self.slots, {row: n.distance for row, n in near.items()})
-        deepest = self._deepest(near.values())
-        rows = [near[p] if p >= 0 else None for p in self.slots.tolist()]
-        return [n and n._replace(deepest=min(deepest[self._owner(k)] for k in self.pair(n.pair))) for n in rows]
+        return near
 
     def _owner(self, k: int) -> int:
         """Carrier of a shape: its body, itself in the world."""

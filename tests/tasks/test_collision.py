@@ -321,6 +321,28 @@ def test_a_pair_keeps_its_slot_and_the_nearest_have_one() -> None:
         before = held
 
 
+@pytest.mark.parametrize(("name", "hand"), [("cbi", "r_palm"), ("icub", "r_hand"), ("g1", "right_wrist_yaw_link")])
+def test_a_pair_inside_its_clearance_has_a_row(name: str, hand: str) -> None:
+    """Fingers whose small distances are their clearances leave rows to a ball that comes too near."""
+    robot = hqp.robots.load(name)
+    links = CollisionAvoidance()
+    home = robot.state(robot.home)
+    near = [n for n in links.near(home) if n is not None]
+    assert links.rows(robot) - len(near) >= 64 or links.rows(robot) >= len(scene(links, robot).pairs)
+    palm = home.position(hand).copy()
+    world = (shapes.sphere("ball", 0.05, (5.0, 0.0, 0.0)),)
+    few, every = (CollisionAvoidance(world=world, slots=n) for n in (8, 4096))
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        way = rng.normal(size=3)
+        for far in (0.3, 0.15, 0.07, 0.05):
+            value = few.at({"ball": palm + far * way / np.linalg.norm(way)}).value
+            rows = few.near(home, value)
+        given = {n.pair for n in rows if n is not None}
+        inside = {n.pair for n in every.near(home, value) if n is not None and n.distance < n.clearance}
+        assert inside <= given or len(inside) > 8
+
+
 def test_native_rows_give_the_nearest_pairs_their_slots_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two slots for four posts on the ball's way: an approaching pair takes the slot of the farthest one."""
     robot, world = ball_on_rails()

@@ -184,7 +184,10 @@ class Collision final : public Operation {
     return Measure::capsule(one, radius, two, shape.size[0]);
   }
 
-  // A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off.
+  // Distance less clearance of a row that is near.
+  double margin(int row) const { return near_[row] - s_.clearances[row % count_]; }
+
+  // A pair keeps its slot while it is near; others get free slots, then those of pairs with a larger margin.
   void assign() {
     for (int k = 0; k < s_.rows; ++k)
       if (s_.slots[k] >= 0 && near_[s_.slots[k]] == kFar) s_.slots[k] = -1;
@@ -195,10 +198,10 @@ class Collision final : public Operation {
         *free = row;
         continue;
       }
-      int farthest = 0;
+      int widest = 0;
       for (int k = 1; k < s_.rows; ++k)
-        if (near_[s_.slots[k]] > near_[s_.slots[farthest]]) farthest = k;
-      if (near_[s_.slots[farthest]] > near_[row]) s_.slots[farthest] = row;
+        if (margin(s_.slots[k]) > margin(s_.slots[widest])) widest = k;
+      if (margin(s_.slots[widest]) > margin(row)) s_.slots[widest] = row;
     }
   }
 
