@@ -94,7 +94,7 @@ def checks(robot: Robot, count: int) -> Iterator[Check]:
     tasks = paper_stack(roles(robot), GAINS)
     names = ("lexicographic", "nullspace", "chiaverini")
     sessions = {
-        name: hqp.Controller(tasks, hqp.Velocity(), name, price=0, deadline=math.inf).session(robot, 1.0 / HZ)
+        name: hqp.Controller(tasks, hqp.Velocity(), name, calm=False, deadline=math.inf).session(robot, 1.0 / HZ)
         for name in names
     }
     for session in sessions.values():
