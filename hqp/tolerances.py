@@ -71,7 +71,7 @@ ROUNDED = 1e-11
 """Share of a row's length: rounding of a row that depends on others, such as rows on forces, which are products."""
 
 SOFTNESS = 1e-5
-"""Share of x: what no level determines may exceed rows of the constraints by so much (hqp/problem/completion.py).
+"""Largest excess of constraint rows by the completion, as a share of x (hqp/problem/completion.py).
 
 An error e of a row moves x by at most e / (2 SOFTNESS). Rows on forces have errors of 1e-13 to 1e-12 of 1e3 N, which
 then move torques by less than 1e-6 of the largest."""

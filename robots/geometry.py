@@ -34,7 +34,7 @@ def read(found: Description, model: Any, kind: Kind) -> Any:
         shapes.loader = loader
         return shapes
     except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).rpartition("message:")[2].split())  # coal tells its source file before
+        reason = " ".join(str(error).rpartition("message:")[2].split())  # after the source file of coal
         raise ModelError(f"{path}: a {kind} shape could not be read: {reason}") from error
 
 

@@ -219,7 +219,7 @@ def _read_notes(simulated: Any, found: Description, own: frozenset[int]) -> None
     for what, fields in _TENDONS.items():
         pulls = [np.any(np.reshape([getattr(simulated, f)[t] for f in fields], -1)) for t in range(simulated.ntendon)]
         tendons = [_tendon(simulated, t) for t in np.flatnonzero(pulls).tolist()]
-        if tendons := sorted(tendons, key=lambda names: -names.count(",")):  # those that tie joints to each other first
+        if tendons := sorted(tendons, key=lambda names: -names.count(",")):  # coupled joints first
             found.notes.append(f"{what} of tendons are ignored: {_some(tendons)}")
     if simulated.ntendon and np.any(simulated.tendon_armature):
         found.warnings.append("rotor inertia of tendons is ignored in the model's inertia, MuJoCo has it")

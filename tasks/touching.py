@@ -34,7 +34,7 @@ _FOUND: dict[Key, list[Pair]] = {}
 def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float) -> list[Pair]:
     """Return the pairs of capsules of links that may touch by accident.  A pair does not count if
 
-    - it is of one body, or of a body and the one that carries it: the range of their joint is the limit,
+    - its links are one body, or one carries the other: the range of their joint is the limit,
     - the shapes of its links touch at home,
     - the shapes touch in none of 100 configurations with capsules nearer than the clearance, or
     - the clearance excludes more than a third of the configurations with shapes apart, and the shapes touch in less

@@ -1,4 +1,4 @@
-"""Automatic collision pairs of six robots: what they guard, what they exclude, and their time in a tick."""
+"""Automatic collision pairs of six robots: count, excluded configurations, and time in a tick."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ class Walker:
         """One tick: the torques for a state.
 
         loads: normal force on the left and on the right foot [N]; without them a foot has landed when its time is up.
-        now: that of ``Session.step`` [s].
+        now: time of the control loop, as in ``Session.step`` [s].
         Raises DeclarationError for another number of loads.
         """
         if not self._started:

@@ -1,4 +1,4 @@
-"""A robot goes through each row of the table of states of docs/operation.md; arms of pages and examples ask first."""
+"""A robot goes through each row of the table of states of docs/operation.md; arms of pages wait for resume."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Feet at the edges of their friction cones: torques that no level determines are one command for one problem, whatever
-was solved before, however constraints are stored, and for noise of 1e-12 in every row."""
+"""Feet at the edges of their friction cones: torques that no level determines are one command for one problem, for any
+earlier solve, storage of the constraints, and noise of 1e-12 in every row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no level determines: a strictly convex choice, the same by every path, whose modulus bounds its motion."""
+"""The completion is strictly convex, the same by every path, and its modulus bounds its motion."""
 
 from __future__ import annotations
 

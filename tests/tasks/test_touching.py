@@ -91,9 +91,9 @@ def configurations(robot: Any, rng: Any, count: int) -> list[Any]:
 
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_pairs_that_touch_have_a_row_and_needless_pairs_none(name: str) -> None:
-    """By coal on the shapes of the file: no row is violated at home; of the configurations of another draw that a
-    row excludes, shapes touch in some, or it excludes less than half of those with shapes apart; and pairs that touch
-    in most of those that their capsules exclude have a row.
+    """By coal on the shapes of the file: no row is violated at home. In another draw, shapes touch in some
+    configurations that a row excludes, or the row excludes less than half of the configurations with shapes apart.
+    Pairs that touch in most configurations that their capsules exclude have a row.
     """
     robot = load(name)
     with warnings.catch_warnings():

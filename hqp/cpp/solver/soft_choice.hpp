@@ -1,8 +1,8 @@
-// What no level determines where the metric is singular: along the directions that neither the metric nor a level below
-// the constraints sees, x minimises |x|^2 / 2 + sum over rows of the constraints, of unit length, of excess^2 / (2
-// softness^2). That is strictly convex: an error e of a row moves x by at most e / (2 softness), however many rows are
-// at their bounds and however little they differ, and a row is exceeded by at most softness |y|, y any point within all
-// rows. Newton's method: on the rows exceeded this is a least-squares problem (Householder, longest rows first).
+// Completion if the metric is singular: along directions that neither the metric nor a level below the constraints
+// sees, x minimises |x|^2 / 2 + sum over rows of the constraints, of unit length, of excess^2 / (2 softness^2). That is
+// strictly convex: an error e of a row moves x by at most e / (2 softness), however many rows are at their bounds and
+// however little they differ, and a row is exceeded by at most softness |y|, y any point within all rows. Newton's
+// method: on the rows exceeded this is a least-squares problem (Householder, longest rows first).
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,7 @@ constexpr double kViolated = 1e-8;  // a constraint is violated above this slack
 class SoftChoice {
  public:
   static constexpr double kHard = 1e-11;  // a softness that keeps rows to their bounds but for rounding
-  // Softness of bounds on single variables, relative to that of other rows: what is sent keeps them.
+  // Softness of bounds on single variables, relative to that of other rows: commands keep these bounds.
   static constexpr double kSingle = 1e-2;
 
   SoftChoice(int n, int rows, bool metric) : n_(n) {
@@ -70,7 +70,7 @@ class SoftChoice {
 
  private:
   // Of the longest row: directions that a row sees less of are free of it. Rounding of rows that are products leaves
-  // 1e-12, and what a row asks of forces is 1e-3 and above.
+  // 1e-12; coefficients of forces are 1e-3 and above.
   static constexpr double kSeen = 1e-9;
   static constexpr double kStill = 1e-9;      // a step after which the rows that count as exceeded are certain
   static constexpr double kRounding = 1e-15;  // of a row, relative to its terms
@@ -215,8 +215,9 @@ class SoftChoice {
   }
   double bound(int k) const { return side_[k] > 0 ? high_[k] : low_[k]; }
 
-  // side_: the rows exceeded behind step_; whether others were before. The excess of a row in solve() is more accurate
-  // than its value: that of a stiff one is less than rounding of the bound. Another row is exceeded beyond rounding.
+  // Set side_ to the rows exceeded after step_; return true if other rows were exceeded before. solve() has the excess
+  // of a row more accurately than its value: the excess of a stiff row is less than rounding of its bound. Other rows
+  // count if they are exceeded by more than rounding.
   bool arrive() {
     bool other = false;
     for (int k = 0; k < count_; ++k) {
