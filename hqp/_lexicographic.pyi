@@ -43,14 +43,14 @@ class Workspace:
         """Return true if the levels without a price above the last priced one are met."""
 
     @property
-    def head(self) -> int:
+    def prefix(self) -> int:
         """Level above which all levels are settled, for the next solve; 0 if unknown."""
 
     def elapsed(self) -> float:
         """Time since the latest solve began [s]."""
 
-    def untold(self) -> None:
-        """Mark the latest answer as found elsewhere: ``tell`` has no multipliers for it."""
+    def without_multipliers(self) -> None:
+        """Mark the latest answer as found elsewhere: ``exact_multipliers`` has no multipliers for it."""
 
     def effort(self) -> tuple[int, bool, bool, bool, bool]:
         """Steps of the latest stages; true if all reached their optima, if one met uncertain directions, if the answer
@@ -80,7 +80,7 @@ class Workspace:
     def solution(
         self, hierarchy: object, build_seconds: float, numbers: _Vec, multipliers: _Vec
     ) -> Solution | None: ...
-    def tell(self) -> _Vec | None:
+    def exact_multipliers(self) -> _Vec | None:
         """Multipliers of the latest answer, live; if stages gave it, those above the stages, or an empty array."""
 
     def reset(self, plain: bool = False) -> None: ...

@@ -61,7 +61,7 @@ class Session:
     def begin(self, command: Vec, q: Vec | None, v: Vec | None) -> None:
         """Start from the present command; q, v: the state, None if unknown."""
 
-    def tell(self, reference: int, what: int, values: Vec) -> None:
+    def set_reference(self, reference: int, what: int, values: Vec) -> None:
         """Set a reference of the next step: 0 value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 hold value."""
 
     def say(self, reference: int, present: bool) -> None:
@@ -95,7 +95,7 @@ class Live:
     heartbeat: int
 
     def __init__(self, tree: Mapping[str, Any]) -> None: ...
-    def tell(self, references: tuple[Reference, ...]) -> int:
+    def take_references(self, references: tuple[Reference, ...]) -> int:
         """Set references of the next step; return -1, or the index of the first one that does not fit, and keep none
         then."""
 

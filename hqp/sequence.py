@@ -17,15 +17,15 @@ from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, closest
 
 
-class Told(Protocol):
+class TickLike(Protocol):
     """Interface of a tick for a sequence."""
 
     phase: str | None
     event: str
 
 
-T = TypeVar("T", bound=Told)
-T_co = TypeVar("T_co", bound=Told, covariant=True)
+T = TypeVar("T", bound=TickLike)
+T_co = TypeVar("T_co", bound=TickLike, covariant=True)
 
 
 class Stepped(Protocol[T_co]):

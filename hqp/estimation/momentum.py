@@ -45,7 +45,9 @@ class MomentumObserver:
         robot.frame(frame)
         columns = robot.joints(joints)
         if columns.size < 3:
-            raise DeclarationError("observer", "too few joints to tell a force", value=joints, allowed="three or more")
+            raise DeclarationError(
+                "observer", "too few joints to estimate a force", value=joints, allowed="three or more"
+            )
         self.frame, self._period = frame, period
         self._share = 1.0 - math.exp(-bandwidth * period)
         self._actuated = robot.actuated

@@ -156,7 +156,7 @@ class Accountant:
         native: Workspace | None = getattr(workspace, "native", None)
         known = native is not None and native.accounts(program.problem, self._owner, len(names), NEAR)
         self._native = native if known else None
-        self._multipliers: Callable[[], Vec | None] = getattr(workspace, "tell", lambda: None)
+        self._multipliers: Callable[[], Vec | None] = getattr(workspace, "exact_multipliers", lambda: None)
         self._size = 4 * len(names) + count * (len(names) + 2)
 
     def account(self, count: int, w: Vec, x: Vec, v: Vec | None = None) -> TickAccount | None:

@@ -192,7 +192,7 @@ class LoadedSession:
         self._known(name)
         numbers = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
         try:
-            self._native.tell(self._index[name], what, numbers)
+            self._native.set_reference(self._index[name], what, numbers)
         except ValueError as error:
             raise DeclarationError(name, str(error).removeprefix(f"{name}: "), value=np.shape(value)) from None
 

@@ -43,9 +43,9 @@ class Reached:
     time: float
 
     def __str__(self) -> str:
-        told = "reached" if self.success else f"not reached: {self.reason}"
+        outcome = "reached" if self.success else f"not reached: {self.reason}"
         levels = ", ".join(f"{name} {value:.3g}" for name, value in self.residuals.items())
-        return f"{told} ({self.starts} starts, {self.steps} steps, {1e3 * self.time:.1f} ms; {levels})"
+        return f"{outcome} ({self.starts} starts, {self.steps} steps, {1e3 * self.time:.1f} ms; {levels})"
 
 
 def reach(

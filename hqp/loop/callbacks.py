@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 REFUSED, BROKEN = STATUSES.index(Status.INVALID_REFERENCE), STATUSES.index(Status.INVALID_ELEMENT)
 OUT, HELD = "left out of this tick", "its hold value is used instead"
 
-Told = tuple[int, Vec, Vec, Signs, str, list[float] | None, int, int]
+Outcome = tuple[int, Vec, Vec, Signs, str, list[float] | None, int, int]
 """A solution: status, x, slacks and marks of all rows, detail, points of stages, iterations, factorisations."""
 
 
@@ -240,17 +240,17 @@ class Callbacks:
                 self.faults[name] = BROKEN, f"{why}: {OUT}", True
 
     @np.errstate(all="ignore")
-    def solve(self) -> Told:
+    def solve(self) -> Outcome:
         """The answer of a solver that is written in Python."""
-        return self._told(self._compiled.workspace.solve(self._program.problem))
+        return self._outcome(self._compiled.workspace.solve(self._program.problem))
 
     @np.errstate(all="ignore")
-    def judge(self, counts: tuple[int, int, int, bool]) -> Told:
+    def judge(self, counts: tuple[int, int, int, bool]) -> Outcome:
         """The answer if that of the native solver is no optimum."""
         workspace: Any = self._workspace
-        return self._told(workspace.answer(self._program.problem, counts))
+        return self._outcome(workspace.answer(self._program.problem, counts))
 
-    def _told(self, solution: Solution) -> Told:
+    def _outcome(self, solution: Solution) -> Outcome:
         self.solution = solution
         rows = sum(level.m for level in self._program.problem.levels)
         slacks = np.concatenate([np.zeros(0), *solution.residuals])

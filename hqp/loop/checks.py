@@ -219,12 +219,12 @@ def overconstrained(stack: Stack, robot: Robot) -> str:
         return ""
     try:
         with twin_of(robot) as twin:
-            return _locked(held, twin) or _told(held, twin)
+            return _locked(held, twin) or _message(held, twin)
     except Exception:  # a user's faulty element: the tick reports it
         return ""
 
 
-def _told(held: Sequence[Any], twin: Robot) -> str:
+def _message(held: Sequence[Any], twin: Robot) -> str:
     home = twin.state(twin.home)
     holds = [element.hold(home).value for element in held]
     J = _rows(held, home, holds)[0]
@@ -267,12 +267,12 @@ def _locked(held: Sequence[Any], twin: Robot) -> str:
             e.name for e in closures if len(_loop(e, state)) > 1 and np.all(abs(free[:, _columns(e, state)]) < STILL)
         ]
         found = {name: None for name in found if name in still}
-    told = []
+    notes = []
     for element in (e for e in closures if e.name in found):
         if looser := _looser(held, twin, element):
             joints = ", ".join(_loop(element, twin.state(twin.home)))
-            told.append(f"{element.name}: holds all motion of {joints}. {looser}")
-    return ". ".join(told)
+            notes.append(f"{element.name}: holds all motion of {joints}. {looser}")
+    return ". ".join(notes)
 
 
 def _looser(held: Sequence[Any], twin: Robot, element: Any) -> str:

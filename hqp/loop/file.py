@@ -54,7 +54,7 @@ def plain(tree: Any, scratch: Iterable[Array] = ()) -> tuple[Any, list[dict[str,
     buffers = _buffers(arrays)
     found = _encoded(tree, buffers)
     empty = {_address(array) for array in scratch}
-    return found, [_told(buffer, empty) for buffer in buffers]
+    return found, [_described(buffer, empty) for buffer in buffers]
 
 
 def _gather(tree: Any, arrays: list[Array]) -> None:
@@ -137,7 +137,7 @@ def _place(array: Array, buffers: list[_Buffer]) -> dict[str, list[int]]:
     return {"@": [buffers.index(buffer), (_address(array) - buffer.begin) // array.itemsize, array.size]}
 
 
-def _told(buffer: _Buffer, empty: set[int]) -> dict[str, Any]:
+def _described(buffer: _Buffer, empty: set[int]) -> dict[str, Any]:
     """Type, size and runs [start, numbers] without zeros."""
     dtype = np.dtype(buffer.kind)
     values = np.zeros((buffer.end - buffer.begin) // dtype.itemsize, dtype)

@@ -170,15 +170,15 @@ class Line:
         if self.transition is not None:
             return self.transition.step(self, state, references, now)
         start, session = perf_counter(), self.native
-        self.tell(references)
+        self.take_references(references)
         self.ready(state, references)
         angles = fault = None
         if not state.valid:
             fault = state.fault
         elif not self.compiled.placed:
             angles = state.angles
-        told = session.step(state.q, state.v, state.time, self.guards.now(now), angles, fault)
-        return self.answered(told, state, start)
+        outcome = session.step(state.q, state.v, state.time, self.guards.now(now), angles, fault)
+        return self.answered(outcome, state, start)
 
     def ready(self, state: State, references: tuple[Reference, ...]) -> None:
         """Begin a tick; the native session has its references."""
@@ -236,9 +236,9 @@ class Line:
         if self._attentive:
             self.callbacks.begin(None, (), None)
         self.robot.leave()
-        told = self.native.step(q, v, None, 0.0, None, None)
+        outcome = self.native.step(q, v, None, 0.0, None, None)
         self.named = targets
-        return self.answered(told, None, start)
+        return self.answered(outcome, None, start)
 
     def _attend(self) -> None:
         """The phase of this tick, and its laws."""
@@ -250,14 +250,14 @@ class Line:
             self._laws = guards.laws
             self.compiled.laws.obey(guards.laws or {}, self.program.out if self.begun else None)
 
-    def tell(self, references: tuple[Reference, ...]) -> None:
+    def take_references(self, references: tuple[Reference, ...]) -> None:
         """Pass references to the native session; raise for references that fit no element."""
-        told = self.native.tell(references)
-        if told >= 0:
+        unfit = self.native.take_references(references)
+        if unfit >= 0:
             references = tuple([self._of_doubles(r) for r in references])
-            told = self.native.tell(references)
-            if told >= 0:
-                self._refuse(references[told])
+            unfit = self.native.take_references(references)
+            if unfit >= 0:
+                self._refuse(references[unfit])
 
     @staticmethod
     def _of_doubles(reference: Reference) -> Reference:
@@ -294,13 +294,13 @@ class Line:
             name, "its reference does not fit", value=reference, allowed=f"what {name}.at(...) takes"
         )
 
-    def answered(self, told: Any, state: State | None, start: float) -> Tick:
+    def answered(self, outcome: Any, state: State | None, start: float) -> Tick:
         """The tick of a record."""
-        record, status, held = told, Status.OPTIMAL, 0
+        record, status, held = outcome, Status.OPTIMAL, 0
         notes: tuple[Note, ...] = ()
         limits: tuple[Note, ...] = ()
-        if type(told) is tuple:
-            record, severity, held, native_notes, plain = told
+        if type(outcome) is tuple:
+            record, severity, held, native_notes, plain = outcome
             status, notes = STATUSES[severity], of_native(native_notes)
             if held == 0:
                 notes, limits = notes[:plain], notes[plain:]
@@ -351,17 +351,17 @@ class Line:
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick."""
-        return self._asked(self.teller.explain, tick)
+        return self._explained(self.teller.explain, tick)
 
     def account(self, tick: Tick) -> TickAccount:
         """Return which element holds back which in the latest tick."""
-        return self._asked(self.teller.account, tick)
+        return self._explained(self.teller.account, tick)
 
     def conflict(self, tick: Tick) -> Conflict:
         """Return the rows of ``subject_to`` that conflict in the latest tick."""
-        return self._asked(self.teller.conflict, tick)
+        return self._explained(self.teller.conflict, tick)
 
-    def _asked(self, what: Callable[[int, Tick], T], tick: Tick) -> T:
+    def _explained(self, what: Callable[[int, Tick], T], tick: Tick) -> T:
         """Query the rows of a tick while no other thread writes them; steps may call it, too."""
         turn = self.guards.turn
         if turn.get(None) == get_ident():

@@ -75,7 +75,7 @@ class Session:
         _ = robot.tree_joints  # read off the model once, here and not in the first tick
         remarks = [("base", adrift(compiled.stack, robot)), ("contacts", overconstrained(compiled.stack, robot))]
         remarks += [(element.name, element.remark(robot)) for element in compiled.stack]
-        first = self.remarks = tuple(Note(name, Status.OPTIMAL, told) for name, told in remarks if told)
+        first = self.remarks = tuple(Note(name, Status.OPTIMAL, text) for name, text in remarks if text)
         """Notes on the stack and the robot, in the first tick too; ``Controller.session`` warns of them."""
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
@@ -259,8 +259,8 @@ class Session:
                 tick = line.step(state, references, now)
                 for reference in references:
                     if reference.remarks:
-                        told = [Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]
-                        tick.add(tuple(told))
+                        notes = [Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]
+                        tick.add(tuple(notes))
             if line.guards.count >= self._watch.due:
                 self._watch.look(line, tick)
             if tick.status is not self._status:

@@ -131,8 +131,8 @@ class StuckWatch:
                 self._query = Query(self._stack, line.robot, tick.state.q, references, level, self._sessions)
             return
         if self._query.posture is not None:
-            told = (f"STUCK: {name} is at rest {off:.2g} {unit} from its target", *at_limits(line.robot, tick.state))
-            self._note = Stuck(name, Status.OPTIMAL, "; ".join(told), self._query.posture)
+            text = (f"STUCK: {name} is at rest {off:.2g} {unit} from its target", *at_limits(line.robot, tick.state))
+            self._note = Stuck(name, Status.OPTIMAL, "; ".join(text), self._query.posture)
 
     def _off(self, line: Line, tick: Tick) -> tuple[str, float, str]:
         """The first task by level that is off and lacks most of its demand, how far [m or rad], its unit."""
@@ -147,9 +147,9 @@ class StuckWatch:
                 continue
             place = program.places[name]
             begin, member = starts[place.level], program.assembly.members[name]
-            asked = program.assembly.lower[member.part]
+            demand = program.assembly.lower[member.part]
             lacks = w[begin + place.part.start : begin + place.part.stop]
-            if float(lacks @ lacks) < LACKING**2 * float(asked @ asked):
+            if float(lacks @ lacks) < LACKING**2 * float(demand @ demand):
                 continue
             error = member.views.error
             for part, most, unit in zip(parts(task, error), OFF, ("m", "rad"), strict=True):
@@ -181,11 +181,11 @@ def at_limits(robot: Robot, state: State) -> tuple[str, ...]:
     angles = state.angles
     room = np.minimum(angles - robot.lower, robot.upper - angles)
     nearest = [int(i) for i in np.argsort(room, kind="stable") if room[i] < NEAR]
-    told = ", ".join(
+    text = ", ".join(
         f"{robot.joint_name(i)} at its {'lower' if angles[i] - robot.lower[i] < NEAR else 'upper'} limit"
         for i in nearest[:NAMED]
     )
-    return (told + (f" and {len(nearest) - NAMED} more" if len(nearest) > NAMED else ""),) if told else ()
+    return (text + (f" and {len(nearest) - NAMED} more" if len(nearest) > NAMED else ""),) if text else ()
 
 
 def _holders(line: Line, tick: Tick, name: str) -> str:

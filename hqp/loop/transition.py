@@ -75,7 +75,7 @@ class Transition:
         self.tick: Tick | None = None
         self._every: tuple[Line, ...] = ()
         self._ticks: dict[int, Tick] = {}
-        self._told: tuple[State, tuple[Reference, ...]] | None = None
+        self._given: tuple[State, tuple[Reference, ...]] | None = None
         self._began, self._ended = 0.0, False
 
     @property
@@ -110,12 +110,12 @@ class Transition:
 
     def _enter(self, line: Line, state: State, references: tuple[Reference, ...]) -> None:
         """Give every stack its own references."""
-        self._every, self._told = (*self.lines, line), (state, references)
+        self._every, self._given = (*self.lines, line), (state, references)
         first = self.lines[0]
         if first.transition is not None:
             first.transition._enter(first, state, references)
         for each in self._every[first.transition is not None :]:
-            each.tell(tuple([r for r in references if r.name in each.stack]))
+            each.take_references(tuple([r for r in references if r.name in each.stack]))
         for reference in references:
             if reference.load is not None:
                 self.native.measure(reference.name, reference.load)
@@ -127,7 +127,7 @@ class Transition:
             first.transition.tick = None
             if first.transition._ended:
                 first.transition = None
-        self._every, self._told = (), None
+        self._every, self._given = (), None
         self._ticks.clear()
 
     def begin(self, line: Line, command: Vec, state: State | None) -> None:
@@ -156,15 +156,15 @@ class Transition:
 
     def before(self, k: int) -> None:
         """A tick of that line begins."""
-        assert self._told is not None
-        state, references = self._told
+        assert self._given is not None
+        state, references = self._given
         self._began, line = perf_counter(), self._every[k]
         line.ready(state, tuple([r for r in references if r.name in line.stack]))
 
     def after(self, k: int, record: object) -> None:
         """A tick of that line ends."""
-        assert self._told is not None
-        self._ticks[k] = self._every[k].answered(record, self._told[0], self._began)
+        assert self._given is not None
+        self._ticks[k] = self._every[k].answered(record, self._given[0], self._began)
 
     def sent(
         self,

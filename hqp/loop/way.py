@@ -132,8 +132,8 @@ def unloaded(stack: Stack, contacts: Sequence[Element], robot: Robot) -> Stack:
     for contact in contacts:
         basis = getattr(contact, "force_basis", None)
         sizes[contact.name] = contact.rows(robot) if basis is None else np.shape(basis())[0]
-    asked = [e for e in stack if getattr(e, "contact", None) in sizes]
-    gone = [e.name for e in asked if not allows_zero(e, sizes[e.contact])]  # type: ignore[attr-defined]
+    permitted = [e for e in stack if getattr(e, "contact", None) in sizes]
+    gone = [e.name for e in permitted if not allows_zero(e, sizes[e.contact])]  # type: ignore[attr-defined]
     rest = stack.without(*gone) if gone else stack
     zero = [
         ContactForce(contact=name, components=COMPONENTS[:size], name=f"{name} bears nothing")

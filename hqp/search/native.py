@@ -57,7 +57,7 @@ class NativeDescents:
             return False
         if not assembly.members.keys() >= set(self._names):  # loads, which have no rows
             return False
-        if not all(told(element, robot) for elements in self._members for element in elements):
+        if not all(has_native_error(element, robot) for elements in self._members for element in elements):
             return False
         bind = getattr(self._session.workspace, "kernel", None)
         kernel = None if bind is None else bind(self._session.program.problem)
@@ -118,7 +118,7 @@ class NativeDescents:
         return native
 
 
-def told(element: Element, robot: Robot) -> bool:
+def has_native_error(element: Element, robot: Robot) -> bool:
     """Return true if the rows of an element hold its error; bounds do if a step goes a share of the remaining way."""
     from hqp.tasks import CollisionAvoidance, Cone, JointLimits, SupportPolygon, Within
 

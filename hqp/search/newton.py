@@ -37,7 +37,7 @@ class Compiled(NamedTuple):
 
     session: Session
     stack: Stack
-    told: list[tuple[str, Vec]]
+    errors_by_name: list[tuple[str, Vec]]
 
 
 def steps_of(stack: Stack, robot: Robot) -> Stack:
@@ -124,7 +124,7 @@ class Search:
         state = self.robot.state(q)
         run = self.calm if calm else self._exact
         tick = run.session.step(state, *self._references)
-        errors = {name: math.sqrt(float(error @ error)) for name, error in run.told}
+        errors = {name: math.sqrt(float(error @ error)) for name, error in run.errors_by_name}
         errors.update((r.name, math.inf) for r in self._references if not r.finite)
         for element in self._limits if whole else self._guards:
             errors[element.name] = self._violation(element, state)

@@ -60,9 +60,9 @@ class Query:
             return False
         if self.posture is None:
             return time.monotonic() - self._ended > PAUSE
-        asked = {r.name: r.value for r in self._references}
+        demand = {r.name: r.value for r in self._references}
         for reference in references:
-            old = asked.get(reference.name)
+            old = demand.get(reference.name)
             new = reference.value
             if (old is None) != (new is None) or (
                 old is not None and new is not None and (old.shape != new.shape or np.abs(old - new).max() > MOVED)

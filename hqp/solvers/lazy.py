@@ -24,7 +24,7 @@ class LazySolution(Solution):
     _counts: tuple[int, int, float, float]
 
 
-def _when_asked(name: str, make: Callable[[LazySolution], Any]) -> property:
+def _on_demand(name: str, make: Callable[[LazySolution], Any]) -> property:
     """The field of that name, made at the first call and kept where Solution keeps it."""
     field: Any = getattr(Solution, name)
 
@@ -49,4 +49,4 @@ for _name, _make in (
     ("active", _marks),
     ("stats", lambda s: Stats(*s._counts)),
 ):
-    setattr(LazySolution, _name, _when_asked(_name, _make))
+    setattr(LazySolution, _name, _on_demand(_name, _make))

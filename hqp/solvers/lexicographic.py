@@ -166,10 +166,10 @@ class NativeWorkspace:
         """The next solves are without the rows of these elements: each such set goes on where its last solve ended."""
         self.native.turn(out)
 
-    def tell(self) -> Vec | None:
+    def exact_multipliers(self) -> Vec | None:
         """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""
-        told: Vec | None = self.native.tell()
-        return told
+        found: Vec | None = self.native.exact_multipliers()
+        return found
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], none for zero: a session passes the rest of its tick.

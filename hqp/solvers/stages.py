@@ -84,7 +84,7 @@ class StagedWorkspace:
         if solution.status.cut:
             x = problem.better(solution.x, self._last_x)
             if x is not solution.x:
-                self.native.untold()  # no multipliers
+                self.native.without_multipliers()  # no multipliers
                 solution = finish(problem, x, solution.status, solution.stats, solution.detail, describe=self._describe)
         self._last_x = solution.x.copy()  # a caller may modify the returned array
         return solution
@@ -114,12 +114,12 @@ class StagedWorkspace:
             return exact
         return {**exact, "stages": {"priced": problem.priced, **stage_tolerances(), **law_parts(problem)}}
 
-    def tell(self) -> Vec | None:
+    def exact_multipliers(self) -> Vec | None:
         """Multipliers of the latest answer: rows above each level, then its own.
 
         For a solution of stages, the multipliers of the levels above the stages may be missing.
         """
-        return self._exact.tell()
+        return self._exact.exact_multipliers()
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""

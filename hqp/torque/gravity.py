@@ -33,7 +33,7 @@ class Gravity:
         self._rows: Assembly | None = None
 
     @staticmethod
-    def asked(given: Sequence[Reference]) -> bool:
+    def takes_normals(given: Sequence[Reference]) -> bool:
         """True if a reference of this tick has a gravity_normal."""
         return any(reference.gravity_normal is not None for reference in given)
 

@@ -320,7 +320,7 @@ class TorqueProgram(Program):
             raise DynamicsFailed("the constrained dynamics are not finite")
         rows.limit(state, dynamics)
         shift = elsewhere = None
-        other_normals = bool(given) and self._gravity.asked(given)
+        other_normals = bool(given) and self._gravity.takes_normals(given)
         if other_normals or self._origin is not None:
             weight = self.loads.gravity(state)
             holding = self._gravity.torque(weight, dynamics.J)

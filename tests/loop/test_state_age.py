@@ -1,4 +1,4 @@
-"""Sessions without max_age whose states tell their time say so once; exported loops take the time."""
+"""Sessions without max_age whose states carry their time say so once; exported loops take the time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def about_age(notes: tuple[hqp.Note, ...]) -> int:
 @pytest.mark.parametrize(
     "formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=lambda f: type(f).__name__
 )
-def test_states_with_a_time_and_no_max_age_are_told_once(formulation: hqp.Velocity, tmp_path: Path) -> None:
+def test_states_with_a_time_and_no_max_age_are_noted_once(formulation: hqp.Velocity, tmp_path: Path) -> None:
     robot = hqp.robots.load("ur5")
     session = hqp.Controller(STACK, formulation, deadline=math.inf).session(robot, DT, stuck=False)
     session.export(tmp_path / "arm.hqp")

@@ -124,7 +124,7 @@ def priced_loops() -> Iterator[tuple[Hierarchy, np.random.Generator, Any]]:
             problem = replace(problem, prices=prices).copy()
             workspace: Any = Lexicographic().workspace(problem.shape)
             workspace.solve(problem)
-            if workspace.native.head:
+            if workspace.native.prefix:
                 yield problem, rng, workspace
 
 
@@ -139,16 +139,16 @@ def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
     """Otherwise the next solve begins with all levels, misses the deadline again: cut in every tick."""
     kept = met = 0
     for problem, rng, workspace in priced_loops():
-        head = workspace.native.head
+        head = workspace.native.prefix
         move(problem, rng, 1.0)
         workspace.limit(1e-9)
         assert workspace.solve(problem).status is Status.TIME_LIMIT
-        after = workspace.native.head
+        after = workspace.native.prefix
         kept += after > 0
         if after == 0:  # the levels above were solved, and that level was met
             fresh: Any = Lexicographic().workspace(problem.shape)
             fresh.solve(problem)
-            assert fresh.native.head != head
+            assert fresh.native.prefix != head
             met += 1
     assert kept > 20
     assert met < 5
@@ -165,7 +165,7 @@ def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None
         workspace._exact.limit(1e-9)
         cut = kernel[0]()[0] == 5 if native else workspace.solve(problem).status is Status.TIME_LIMIT
         if cut:
-            assert workspace.native.head == 0
+            assert workspace.native.prefix == 0
             seen += 1
     assert seen > 10
 
@@ -201,22 +201,22 @@ def drawn_pose(robot: hqp.robots.Robot, rng: np.random.Generator) -> np.ndarray:
 
 def test_a_cut_tick_keeps_it() -> None:
     run, hand = out_of_reach(np.inf)
-    assert run.workspace.native.head == 2
+    assert run.workspace.native.prefix == 2
     run.workspace.limit(1e-9)  # type: ignore[attr-defined]
     rng = np.random.default_rng(0)
     for _ in range(4):
         q = drawn_pose(run.line.robot, rng)
         run.step(run.line.robot.state(q), hand.at(rng.normal(size=3) + [3.0, 0.0, 1.0]))
-        assert run.workspace.native.head == 2
+        assert run.workspace.native.prefix == 2
 
 
 def test_a_tick_forgets_a_level_that_is_met_by_now() -> None:
     run, hand = out_of_reach(np.inf)
-    assert run.workspace.native.head == 2
+    assert run.workspace.native.prefix == 2
     state = run.line.robot.state()
     before = run.step(state, hand.at(np.array([3.0, 0.0, 1.0])))
     rate = run.problem.levels[2].dense(run.problem.n) @ before.x
     run.workspace._exact.limit(1e-9)
     tick = run.step(state, hand.at(state.position("right_wrist_yaw_link"), velocity=rate))
     assert tick.status is Status.TIME_LIMIT
-    assert run.workspace.native.head == 0
+    assert run.workspace.native.prefix == 0

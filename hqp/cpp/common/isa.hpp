@@ -11,8 +11,8 @@ namespace hqp {
 static inline bool has_avx2() {
 #if defined(HQP_AVX2)
   static const bool found = [] {
-    const char* asked = std::getenv("HQP_ISA");
-    const bool generic = asked && std::strcmp(asked, "generic") == 0;
+    const char* name = std::getenv("HQP_ISA");
+    const bool generic = name && std::strcmp(name, "generic") == 0;
     return !generic && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
   }();
   return found;

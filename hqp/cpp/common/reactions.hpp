@@ -7,8 +7,8 @@ class Reactions {
  public:
   virtual ~Reactions() = default;
   virtual int rows() const = 0;
-  // motion (nv) = A^-1 J^T (J A^-1 J^T)^+ asked (m): motion of least kinetic energy, of the latest elimination.
-  virtual void towards(const double* asked, double* motion) = 0;
+  // motion (nv) = A^-1 J^T (J A^-1 J^T)^+ requested (m): motion of least kinetic energy, of the latest elimination.
+  virtual void towards(const double* requested, double* motion) = 0;
 };
 
 class Limiting {

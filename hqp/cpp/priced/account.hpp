@@ -43,23 +43,23 @@ class Accounts {
     std::fill(shares, shares + level_.size() * width, 0.0);
     std::fill(worth, worth + level_.size(), 0.0);
     const double* lambda = rows.lambda;
-    std::size_t told = rows.told;
+    std::size_t multipliers = rows.multipliers;
     int start = 0;
     for (std::size_t k = 0; k < level_.size(); ++k) {
       const PricedLevel& level = level_[k];
       const double* w = rows.w + start;
       const std::int32_t* owner = rows.owner + start;
       const bool priced = prices && prices[k] > 0.0;
-      double square = 0.0, asked = 0.0;
+      double square = 0.0, demanded = 0.0;
       for (int i = 0; i < level.m; ++i) {
         const double off = slack(row_value(level, i, at.still(), n_), level.lower[i], level.upper[i]);
         double* out = numbers + 4 * owner[i];
         out[0] += w[i] * w[i];
         out[1] += off * off;
         square += w[i] * w[i];
-        asked += off * off;
+        demanded += off * off;
       }
-      if (std::sqrt(square) > kUnmet * (1.0 + std::sqrt(asked))) {
+      if (std::sqrt(square) > kUnmet * (1.0 + std::sqrt(demanded))) {
         push(level, at, w, owner, numbers);
         double* mine = shares + k * width;
         const std::size_t all = static_cast<std::size_t>(start + level.m);
@@ -77,7 +77,7 @@ class Accounts {
             mine[counts ? rows.owner[row] : elements] += force;
           }
           by_anchors(motions, anchors, static_cast<int>(k), point, priced ? prices[k] : 1.0, rows.owner, mine);
-        } else if (!priced && told >= all) {
+        } else if (!priced && multipliers >= all) {
           for (int row = 0; row < start; ++row)
             if (lambda[row] != 0.0) mine[rows.owner[row]] -= lambda[row] * product(row, step_.data());
         }
@@ -86,8 +86,8 @@ class Accounts {
         for (int e = 0; e < width; ++e) mine[e] = sum > 0.0 ? larger(mine[e], 0.0) / sum : 0.0;
       }
       start += level.m;
-      const std::size_t passed = std::min(told, static_cast<std::size_t>(start));
-      lambda += passed, told -= passed;
+      const std::size_t passed = std::min(multipliers, static_cast<std::size_t>(start));
+      lambda += passed, multipliers -= passed;
     }
     for (int e = 0; e < elements; ++e) {
       double* out = numbers + 4 * e;

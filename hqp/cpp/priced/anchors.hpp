@@ -23,7 +23,7 @@ constexpr double kMissed = 1e-7;
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
   double omega = 0.0;        // ||w_a||
-  double give = 0.0;         // eta c_a omega_a
+  double allowance = 0.0;    // eta c_a omega_a
   double turning = 0.0;      // t_a omega_a^2
   std::vector<char> held;    // (m,) rows that are anchored
   std::vector<double> low;   // (m,) range without cost: y_ai, or from the lower to the upper bound and y_ai

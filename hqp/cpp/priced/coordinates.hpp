@@ -339,9 +339,9 @@ class Coordinates {
       double *row = &T_[static_cast<std::size_t>(i) * ld_], *v = &Z_[static_cast<std::size_t>(i) * (free + 1)];
       const double rest = dot_any(row + rank_, row + rank_, free), length = std::sqrt(row[i] * row[i] + rest);
       if (rest == 0.0) continue;  // v[free] = 0: no reflection
-      const double pivot = row[i] > 0.0 ? -length : length, head = row[i] - pivot;
-      for (int q = 0; q < free; ++q) v[q] = row[rank_ + q] / head;
-      v[free] = 2.0 / (1.0 + rest / (head * head));
+      const double pivot = row[i] > 0.0 ? -length : length, leading = row[i] - pivot;
+      for (int q = 0; q < free; ++q) v[q] = row[rank_ + q] / leading;
+      v[free] = 2.0 / (1.0 + rest / (leading * leading));
       for (int l = 0; l <= i; ++l) {
         double* other = &T_[static_cast<std::size_t>(l) * ld_];
         const double s = v[free] * (other[i] + dot_any(v, other + rank_, free));

@@ -122,7 +122,7 @@ class Gather {
   void take_above(int k, const double* x) {
     above_.each(k, [&](int l, int i, double low, double high, const Anchor* anchor) {
       StageRow to = bounded(l, i, low, high);
-      if (anchor) add_band(to, std::sqrt(anchor->give), levels_.value(l, i, x));
+      if (anchor) add_band(to, std::sqrt(anchor->allowance), levels_.value(l, i, x));
       else rows_.add(to);
     });
   }

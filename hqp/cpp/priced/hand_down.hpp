@@ -78,7 +78,7 @@ class HandDown {
     anchor.level = k;
     anchor.first = levels_.first(k);
     anchor.omega = norm;
-    anchor.give = law_.eta * law_.prices[k] * norm;
+    anchor.allowance = law_.eta * law_.prices[k] * norm;
     anchor.held.resize(level.m);
     anchor.low.resize(level.m);
     anchor.high.resize(level.m);

@@ -53,20 +53,21 @@ class LevelSolve final : public SolveCall {
     exact_.problem.motion = has_prices_ ? law_.F : nullptr;
     exact_.problem.motion_rows = has_prices_ ? law_.r : 0;
     values_.resize(exact_.ends()), marks_.resize(std::size_t(exact_.total()));
-    for (const auto& [level, head] : heads_) bind(*head), head->reset(false);
-    head_ = 0, bound_ = true;
+    for (const auto& [level, prefix] : prefixes_) bind(*prefix), prefix->reset(false);
+    prefix_ = 0, bound_ = true;
   }
   // Make the kernels of the levels above each possible first unsettled level.
-  void make_heads() {
-    if (!heads_.empty() || !has_prices_) return;
+  void make_prefixes() {
+    if (!prefixes_.empty() || !has_prices_) return;
     for (std::size_t k = 1; k < count(); ++k) {
       if (!priced_[k]) continue;
       Options options = exact_.options;
       options.multipliers = false, options.time_limit = limit_, options.softness = 0.0;
       const auto& rows = exact_.rows();
       const std::vector<int> above(rows.begin(), rows.begin() + std::ptrdiff_t(k));
-      heads_.emplace_back(static_cast<int>(k), std::make_unique<BoundKernel>(exact_.size(), above, metric_, options));
-      bind(*heads_.back().second);
+      prefixes_.emplace_back(static_cast<int>(k),
+                             std::make_unique<BoundKernel>(exact_.size(), above, metric_, options));
+      bind(*prefixes_.back().second);
     }
   }
   bool bound() const { return bound_; }
@@ -91,7 +92,7 @@ class LevelSolve final : public SolveCall {
   Solved solve() {
     Solved found;
     if (begin(found)) return found;
-    found = told(solve_exact());
+    found = summary(solve_exact());
     // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages only need
     // the levels without a price met.
     const double* x = exact_.hard().data();
@@ -104,21 +105,21 @@ class LevelSolve final : public SolveCall {
   // that level is met by now, or the levels above have no optimum: the exact hierarchy decides in the remaining time.
   bool begin(Solved& found) {
     began_ = Clock::now();
-    if (!head_) return false;
-    make_heads();
-    const int level = std::exchange(head_, 0);
+    if (!prefix_) return false;
+    make_prefixes();
+    const int level = std::exchange(prefix_, 0);
     if (follow(nullptr, level) >= 0) {
       found.outcome = kUnsettled;
       return true;
     }
-    BoundKernel& head = this->head(level);
-    found = told(head.solve());
-    if (begins(found) && follow(head.numbers().data(), level) >= 0) {
+    BoundKernel& prefix = this->prefix(level);
+    found = summary(prefix.solve());
+    if (begins(found) && follow(prefix.numbers().data(), level) >= 0) {
       found.outcome = kUnsettled;
       return true;
     }
     const bool cut = found.outcome == kTimeLimit || found.outcome == kIterationLimit;
-    if (cut) head_ = level;  // a cut solve does not show another first unmet level
+    if (cut) prefix_ = level;  // a cut solve does not show another first unmet level
     shortened_ = limit_ > 0.0;
     if (shortened_) exact_.limit(left());
     return false;
@@ -139,13 +140,13 @@ class LevelSolve final : public SolveCall {
     return follow(hard.data(), 0);
   }
   // See PricedStages::solve.
-  int follow(const double* x, int head) {
+  int follow(const double* x, int prefix) {
     if (!has_prices_) return -1;
-    const int first = stages_->solve(x, head, left(), points_.data(), end_.data());
+    const int first = stages_->solve(x, prefix, left(), points_.data(), end_.data());
     if (first >= 0 && stages_->ended()) exact_.choose(end_.data(), false);
     staged_ = first >= 0 && stages_->ended();
-    source_ = first < 0 || (staged_ && x) ? head : kNone;
-    head_ = std::max(first, 0);
+    source_ = first < 0 || (staged_ && x) ? prefix : kNone;
+    prefix_ = std::max(first, 0);
     return first;
   }
 
@@ -157,19 +158,19 @@ class LevelSolve final : public SolveCall {
     return stages_->describe(x, exact_.problem.constraints, exact_.allowed(), slack, marks);
   }
   // The level above which all are settled, for the next solve; 0 if unknown.
-  int head() const { return head_; }
+  int prefix() const { return prefix_; }
   // Time since the latest solve began [s].
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 
   // The kernel with multipliers of the latest answer, of the levels above the stages if stages gave it; null if they
   // are not at hand, or if stages began on a face, which meets all rows above.
   BoundKernel* teller() {
-    BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &head(source_) : &exact_;
-    return kernel && kernel->tell() ? kernel : nullptr;
+    BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &prefix(source_) : &exact_;
+    return kernel && kernel->write_multipliers() ? kernel : nullptr;
   }
   bool staged() const { return staged_; }
   // Mark the latest answer as found elsewhere.
-  void untold() { source_ = kNone, staged_ = false; }
+  void without_multipliers() { source_ = kNone, staged_ = false; }
 
   // Set the time for the next solves [s], 0 for no limit; the exact kernel has its own.
   void limit(double seconds) override {
@@ -178,28 +179,28 @@ class LevelSolve final : public SolveCall {
   }
   void limit_stages(double seconds) {
     limit_ = seconds;
-    for (const auto& [level, head] : heads_) head->limit(seconds);
+    for (const auto& [level, prefix] : prefixes_) prefix->limit(seconds);
   }
   bool limited() const { return limit_ > 0.0; }
 
   // Collect all state that one solve hands to the next.
   void keep(CarryOver& warm) {
     exact_.keep(warm);
-    for (const auto& [level, head] : heads_) head->keep(warm);
-    warm.take(head_);
+    for (const auto& [level, prefix] : prefixes_) prefix->keep(warm);
+    warm.take(prefix_);
     if (has_prices_) stages_->keep(warm);
   }
   // Exclude the rows of these elements from the next solves, see WarmSets.
   void turn(const WarmSets::Out& out) {
-    make_heads();
+    make_prefixes();
     sets_.turn(*this, out);
   }
   void make_room(std::size_t elements) { sets_.make_room(*this, elements); }  // for all sets of these
   void reset() {
     exact_.reset(false);
-    for (const auto& [level, head] : heads_) head->reset(false);
+    for (const auto& [level, prefix] : prefixes_) prefix->reset(false);
     if (stages_) stages_->reset();
-    head_ = 0;
+    prefix_ = 0;
     sets_.forget();
   }
 
@@ -215,18 +216,20 @@ class LevelSolve final : public SolveCall {
                                   marks.get(), tolerances_));
   }
   // Bind the kernel of the levels above.
-  void bind(BoundKernel& head) const {
-    head.levels.assign(exact_.levels.begin(), exact_.levels.begin() + std::ptrdiff_t(head.rows().size()));
-    head.problem = exact_.problem;
-    head.problem.levels = head.levels.data();
-    head.problem.count = static_cast<int>(head.levels.size());
-    head.problem.constraints = std::min(exact_.problem.constraints, head.problem.count);
+  void bind(BoundKernel& prefix) const {
+    prefix.levels.assign(exact_.levels.begin(), exact_.levels.begin() + std::ptrdiff_t(prefix.rows().size()));
+    prefix.problem = exact_.problem;
+    prefix.problem.levels = prefix.levels.data();
+    prefix.problem.count = static_cast<int>(prefix.levels.size());
+    prefix.problem.constraints = std::min(exact_.problem.constraints, prefix.problem.count);
   }
-  BoundKernel& head(int level) {
-    return *std::find_if(heads_.begin(), heads_.end(), [&](const auto& one) { return one.first == level; })->second;
+  BoundKernel& prefix(int level) {
+    return *std::find_if(prefixes_.begin(), prefixes_.end(), [&](const auto& one) {
+              return one.first == level;
+            })->second;
   }
   double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
-  static Solved told(const Answer& answer) {
+  static Solved summary(const Answer& answer) {
     return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
   }
   // Return true if stages can start from an answer: an optimum, constraints met or violated, also of uncertain rank.
@@ -237,7 +240,7 @@ class LevelSolve final : public SolveCall {
   std::vector<char> priced_;
   Tolerances tolerances_;
   std::unique_ptr<PricedStages> stages_;
-  std::vector<std::pair<int, std::unique_ptr<BoundKernel>>> heads_;
+  std::vector<std::pair<int, std::unique_ptr<BoundKernel>>> prefixes_;
   WarmSets sets_;
   Law law_;
   bool bound_ = false, has_prices_ = false;
@@ -245,8 +248,8 @@ class LevelSolve final : public SolveCall {
   std::vector<std::int8_t> marks_;
   double limit_;
   bool shortened_ = false;
-  int head_ = 0;
-  int source_ = 0;  // origin of the latest answer: 0 exact kernel, else the level of a head, or kNone
+  int prefix_ = 0;
+  int source_ = 0;  // origin of the latest answer: 0 exact kernel, else the level of a prefix, or kNone
   bool staged_ = false;
   Clock::time_point began_;
 };

@@ -65,17 +65,17 @@ class StageLevels final : public PricedStages {
     accounts_.run(motions_, law_.prices, stage_.ends(), above_.anchors(), rows, numbers, shares, worth);
   }
 
-  int solve(const double* x, int head, double seconds, double* stages, double* last) override {
+  int solve(const double* x, int prefix, double seconds, double* stages, double* last) override {
     begin(seconds);
     if (x) settled_.begin(motions_.base(), law_.prices, x);
     int first = -1;
-    for (int k = x ? 0 : head; k < levels_.count(); ++k) {
+    for (int k = x ? 0 : prefix; k < levels_.count(); ++k) {
       const bool priced = law_.prices[k] > 0.0;
       const bool met = above_.anchors().empty();  // all levels so far: x keeps to the rows that they leave
       if (met && k > last_) break;
-      const bool asked = head > 0 && k == head;  // unmet a tick ago: its stage decides
-      const bool settled = met && (!priced || (!asked && settled_.meets(k)));
-      if (settled && asked) return -2;
+      const bool unmet = prefix > 0 && k == prefix;  // unmet a tick ago: its stage decides
+      const bool settled = met && (!priced || (!unmet && settled_.meets(k)));
+      if (settled && unmet) return -2;
       if (settled && first < 0) continue;
       if (first < 0) {
         first = k;
@@ -100,7 +100,7 @@ class StageLevels final : public PricedStages {
           settled_.begin_with(k, stage_.active(k));  // it ended at the point of least motion
         std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       }
-      if (above_.anchors().empty() && asked) return -2;
+      if (above_.anchors().empty() && unmet) return -2;
     }
     if (above_.anchors().empty() && stage_.ended()) return -1;  // every level hands down its rows as they are
     finish();

@@ -33,7 +33,7 @@ struct Completion {
 };
 
 // Data of an account: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
-// lambda (told): multipliers of the first levels, level k after level k - 1, (m_0 + ... + m_k) each, for those
+// lambda (multipliers): multipliers of the first levels, level k after level k - 1, (m_0 + ... + m_k) each, for those
 // without a stage.
 struct AccountRows {
   const double* stages = nullptr;
@@ -41,7 +41,7 @@ struct AccountRows {
   const std::int32_t* owner = nullptr;
   int elements = 0;
   const double* lambda = nullptr;
-  std::size_t told = 0;
+  std::size_t multipliers = 0;
   const double* x = nullptr;
   double near = 0.0;
 };
@@ -68,12 +68,12 @@ class PricedStages {
   virtual ~PricedStages() = default;
   virtual PricedLevel* levels() = 0;  // the caller fills them once
   virtual void bind(const Law& law, const Completion& completion) = 0;
-  // x: the exact answer of all levels, or of those above level `head` if that is not 0, or null: begin on the last
+  // x: the exact answer of all levels, or of those above level `prefix` if that is not 0, or null: begin on the last
   // active set of that level.  Return the first unsettled level, -1 without one; stages (levels, n) then hold the
-  // points of priced levels from that one on (NaN elsewhere), and last the answer.  Return -2 if level `head` is met,
+  // points of priced levels from that one on (NaN elsewhere), and last the answer.  Return -2 if level `prefix` is met,
   // so that the exact answer of all levels is needed, if that active set fails, or if rows are not finite.  seconds:
   // time after which a stage returns its current point, 0 for no limit.
-  virtual int solve(const double* x, int head, double seconds, double* stages, double* last) = 0;
+  virtual int solve(const double* x, int prefix, double seconds, double* stages, double* last) = 0;
   // Write slacks and marks of all rows at x, see Solution; true if one of the first `constraints` levels is violated.
   // allowed: by how much each of their rows may be, or null.
   virtual bool describe(const double* x, int constraints, const double* allowed, double* slack, std::int8_t* marks) = 0;

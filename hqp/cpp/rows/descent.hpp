@@ -16,7 +16,7 @@ namespace hqp {
 using Clock = std::chrono::steady_clock;
 
 // Error of an element in its rows: rows of errors, or of bounds whose violation grows at `rate` with it.
-struct Told {
+struct ErrorRows {
   int start, stop;
   double rate;  // 0 for equalities
   int group;    // its level, -1 where the error counts for nothing
@@ -32,10 +32,10 @@ enum class End { kMet, kNoAnswer, kStill, kStalled, kSpent, kExtraordinary };
 
 class Descent {
  public:
-  Descent(const Pace& pace, std::vector<Told> told, int groups, int nq, int nv)
+  Descent(const Pace& pace, std::vector<ErrorRows> members, int groups, int nq, int nv)
       : pace_(pace),
-        told_(std::move(told)),
-        errors_(told_.size()),
+        members_(std::move(members)),
+        errors_(members_.size()),
         merit_(groups),
         here_(groups),
         mark_(groups),
@@ -44,7 +44,7 @@ class Descent {
         x_(nv),
         q_(nq),
         best_q_(nq),
-        best_errors_(told_.size()) {}
+        best_errors_(members_.size()) {}
 
   const std::vector<double>& q() const { return best_q_; }
   const std::vector<double>& merit() const { return best_; }
@@ -95,8 +95,8 @@ class Descent {
  private:
   void weigh(double tolerance, const double* rows, const double* lower, const double* upper) {
     std::fill(merit_.begin(), merit_.end(), 1.0);
-    for (std::size_t i = 0; i < told_.size(); ++i) {
-      const Told& t = told_[i];
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+      const ErrorRows& t = members_[i];
       double error = 0.0;
       if (t.rate > 0.0) {
         for (int k = t.start; k < t.stop; ++k) error = std::max({error, lower[k], -upper[k]});
@@ -121,7 +121,7 @@ class Descent {
   }
 
   Pace pace_;
-  std::vector<Told> told_;
+  std::vector<ErrorRows> members_;
   std::vector<double> errors_, merit_, here_, mark_, best_, at_, x_, q_, best_q_, best_errors_;
   int taken_ = 0;
 };

@@ -10,14 +10,14 @@
 
 namespace binding {
 
-using Members = std::vector<std::tuple<int, int, double, int>>;  // hqp::Told
+using Members = std::vector<std::tuple<int, int, double, int>>;  // hqp::ErrorRows
 
 class Descents {
  public:
   Descents(Assembly& assembly, LiveKinematics& robot, const Members& members, int groups, int nq, const hqp::Pace& pace)
       : assembly_(assembly),
         robot_(robot.get()),
-        descent_(pace, told(members), groups, nq, assembly.size()),
+        descent_(pace, converted(members), groups, nq, assembly.size()),
         still_(assembly.size()) {}
   Descents(const Descents&) = delete;
 
@@ -44,8 +44,8 @@ class Descents {
   }
 
  private:
-  static std::vector<hqp::Told> told(const Members& members) {
-    std::vector<hqp::Told> found;
+  static std::vector<hqp::ErrorRows> converted(const Members& members) {
+    std::vector<hqp::ErrorRows> found;
     for (const auto& [start, stop, rate, group] : members) found.push_back({start, stop, rate, group});
     return found;
   }

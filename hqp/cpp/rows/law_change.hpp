@@ -59,10 +59,10 @@ class LawChange {
 
   bool going() const { return !former_.empty(); }
   // Pass each law that holds beside its own, and the share of each row.
-  template <class Tell>
-  void beside(const Tell& tell) const {
+  template <class Visit>
+  void beside(const Visit& visit) const {
     for (const std::size_t k : former_)
-      if (k != law_) tell(laws_[k], &share_[k * rows_]);
+      if (k != law_) visit(laws_[k], &share_[k * rows_]);
   }
 
  private:

@@ -154,24 +154,24 @@ class Demands {
 
   // The law of a row whose value may still go `way`: its error is -way. An infinite distance has no bound.
   double towards(int i, double way) const {
-    double asked = feedback(i, way, l_.kp[i], l_.kd[i], saturation_[i]);
-    const double own = asked;
+    double demand = feedback(i, way, l_.kp[i], l_.kd[i], saturation_[i]);
+    const double own = demand;
     for (const LawChange& each : changes_)
       if (each.has(i))
         each.beside([&](const RowsLaw& law, const double* share) {
           const std::size_t k = std::size_t(i - law.held.start);
           const double change = feedback(i, way, law.kp[k], law.kd[k], &law.held) - own;
-          if (std::isfinite(change)) asked += share[k] * change;  // else one of them knows no bound
+          if (std::isfinite(change)) demand += share[k] * change;  // else one of them knows no bound
         });
-    return l_.order == 1 ? l_.rate[i] + asked : l_.feedforward[i] + asked - l_.drift[i];
+    return l_.order == 1 ? l_.rate[i] + demand : l_.feedforward[i] + demand - l_.drift[i];
   }
   double feedback(int i, double way, double kp, double kd, const Saturation* s) const {
     double pull = std::isinf(way) ? way : kp * way;
     if (l_.order == 1)
       return s ? held(pull, std::min(s->fastest, std::isinf(s->hardest) ? s->hardest : reach(s->hardest, way))) : pull;
     if (s && std::isfinite(s->fastest)) pull = held(pull, s->damping * s->fastest);
-    const double asked = pull - kd * (speed_[i] - l_.rate[i]);
-    return s ? held(asked, s->hardest) : asked;
+    const double demand = pull - kd * (speed_[i] - l_.rate[i]);
+    return s ? held(demand, s->hardest) : demand;
   }
   static double held(double x, double bound) { return std::min(std::max(x, -bound), bound); }
   static double reach(double hardest, double way) { return std::sqrt(2.0 * hardest * std::fabs(way)); }

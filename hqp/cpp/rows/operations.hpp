@@ -39,14 +39,14 @@ class Operations {
     const auto rows = [&] { return Rows(out, tree_, p.frame("frame", tree_), p.relative(tree_)); };
     const auto fixed = [&] { return Rows(out, tree_, p.frame("frame", tree_), {}); };
     const auto fits = [&](std::size_t rows, std::size_t given) { fit(out, rows, given); };
-    const auto picked = [&](const char* field, std::size_t count, bool told = true) {  // a row each
+    const auto picked = [&](const char* field, std::size_t count, bool referenced = true) {  // a row each
       std::vector<int> found = p.places(field, count);
-      fits(found.size(), told ? found.size() : 0);
+      fits(found.size(), referenced ? found.size() : 0);
       return found;
     };
-    const auto joints = [&](const Plan& plan, bool told = true) {
+    const auto joints = [&](const Plan& plan, bool referenced = true) {
       Joints found = plan.joints(nv_, nq_);
-      fits(found.size(), told ? found.size() : 0);
+      fits(found.size(), referenced ? found.size() : 0);
       return found;
     };
     if (name == "Joints") return std::make_unique<Posture>(out, joints(p));

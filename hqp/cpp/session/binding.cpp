@@ -24,10 +24,10 @@ namespace {
 
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Told = std::tuple<std::string, int, std::string>;  // element, status, text
+using NoteRecord = std::tuple<std::string, int, std::string>;  // element, status, text
 
 // As hqp.loop.counters.Counters lists them.
-nb::tuple told(const hqp::Counts& c) {
+nb::tuple counters_of(const hqp::Counts& c) {
   return nb::make_tuple(c.ticks, c.late, c.cut, c.held, c.rejected_states, c.rejected_references, c.longest_gap,
                         c.worst_time);
 }
@@ -43,9 +43,9 @@ class Session {
 
   // command, x, residuals: written; the status, for how many ticks the command has been coming to rest, the notes, and
   // the number of levels.
-  std::tuple<int, long, std::vector<Told>, std::size_t> step(const Vector& q, const Vector& v, const Out& command,
-                                                             const Out& x, const Out& residuals,
-                                                             std::optional<double> time, double now) {
+  std::tuple<int, long, std::vector<NoteRecord>, std::size_t> step(const Vector& q, const Vector& v, const Out& command,
+                                                                   const Out& x, const Out& residuals,
+                                                                   std::optional<double> time, double now) {
     require(q.size() == std::size_t(session_.nq()) && v.size() == std::size_t(session_.nv()), "q or v");
     const auto [motors, variables, levels] = sizes();
     require(command.size() == motors && x.size() == variables && residuals.size() == levels, "command, x or residuals");
@@ -58,7 +58,7 @@ class Session {
     std::copy(tick.command().begin(), tick.command().end(), command.data());
     std::copy(tick.x().begin(), tick.x().end(), x.data());
     std::copy(tick.residuals().begin(), tick.residuals().end(), residuals.data());
-    std::vector<Told> notes;
+    std::vector<NoteRecord> notes;
     for (const hqp::Note& note : tick.notes())
       notes.emplace_back(note.element, static_cast<int>(note.status), note.text());
     return {static_cast<int>(tick.status()), static_cast<long>(tick.held()), std::move(notes), tick.residuals().size()};
@@ -77,7 +77,7 @@ class Session {
   std::vector<std::string> names() const { return session_.names(); }
 
   // what: 0 value, 1 velocity, 2 acceleration, 3 normal, 4 load, 5 hold value.
-  void tell(std::size_t k, int what, const Vector& values) {
+  void set_reference(std::size_t k, int what, const Vector& values) {
     require(k < references_.size() && what >= 0 && what <= 5, "reference");
     hqp::Reference& reference = references_[k];
     if (what == 0) reference.at(values.data(), values.size());
@@ -137,17 +137,17 @@ class Worlds {
         !fits(commands.shape(0), commands.shape(1), motors) || !fits(residuals.shape(0), residuals.shape(1), levels) ||
         !fits(x.shape(0), x.shape(1), variables) || status.shape(0) != batch_.count())
       throw nb::value_error("an array has the wrong number of worlds or columns");
-    std::vector<hqp::BatchTarget> told;
+    std::vector<hqp::BatchTarget> converted;
     for (const auto& [name, what, values] : targets) {
       const std::size_t element = session.element(name), size = session.width(element, what);
       if (!fits(values.shape(0), values.shape(1), size))
         throw hqp::ReferenceError(name + ": targets must have shape (" + std::to_string(batch_.count()) + ", " +
                                   std::to_string(size) + "), given (" + std::to_string(values.shape(0)) + ", " +
                                   std::to_string(values.shape(1)) + ")");
-      told.push_back({element, what, values.data(), size});
+      converted.push_back({element, what, values.data(), size});
     }
     const nb::gil_scoped_release release;
-    batch_.step(q.data(), v.data(), told, commands.data(), status.data(), residuals.data(), x.data());
+    batch_.step(q.data(), v.data(), converted, commands.data(), status.data(), residuals.data(), x.data());
   }
   void reset(std::size_t i) {
     require(i);
@@ -197,7 +197,7 @@ class Worlds {
     const hqp::Line& line = batch_.session().current().line();
     return line.torque() ? "torque" : line.order() == 1 ? "velocity" : "acceleration";
   }
-  nb::tuple counters() const { return told(batch_.counters()); }
+  nb::tuple counters() const { return counters_of(batch_.counters()); }
   std::size_t threads() const { return batch_.threads(); }
   std::size_t bytes() const { return batch_.bytes(); }
 
@@ -221,7 +221,7 @@ NB_MODULE(_session, module) {
   binding::bind_parts(module);
   nb::class_<binding::LiveSession>(module, "Live")
       .def(nb::init<const nb::object&>(), "tree"_a)
-      .def("tell", &binding::LiveSession::tell, "references"_a)
+      .def("take_references", &binding::LiveSession::take_references, "references"_a)
       .def("ask", &binding::LiveSession::ask)
       .def("aim", &binding::LiveSession::aim, "targets"_a)
       .def("phase", &binding::LiveSession::phase, "name"_a)
@@ -235,7 +235,7 @@ NB_MODULE(_session, module) {
       .def("keep_hold", &binding::LiveSession::keep_hold, "name"_a, "value"_a)
       .def("holds", &binding::LiveSession::holds)
       .def("too_large", &binding::LiveSession::too_large, "q"_a, "v"_a, "angles"_a)
-      .def_prop_ro("counters", [](const binding::LiveSession& s) { return told(s.counters()); })
+      .def_prop_ro("counters", [](const binding::LiveSession& s) { return counters_of(s.counters()); })
       .def_prop_ro("heartbeat", &binding::LiveSession::heartbeat)
       .def_prop_ro("good", &binding::LiveSession::good)
       .def_prop_ro("start", &binding::LiveSession::start)
@@ -280,7 +280,7 @@ NB_MODULE(_session, module) {
       .def("resume", &Session::resume)
       .def_prop_ro("stopped", [](const Session& s) { return s.get().stopped(); })
       .def("begin", &Session::begin, "command"_a, "q"_a.none(), "v"_a.none())
-      .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
+      .def("set_reference", &Session::set_reference, "reference"_a, "what"_a, "values"_a)
       .def("held", &Session::held, "reference"_a)
       .def("say", &Session::say, "reference"_a, "present"_a)
       .def("phase", &Session::phase, "name"_a)
@@ -289,7 +289,7 @@ NB_MODULE(_session, module) {
       .def_prop_ro("stacks", [](const Session& s) { return s.get().stacks(); })
       .def("integrate", &Session::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def("reset", &Session::reset)
-      .def_prop_ro("counters", [](const Session& s) { return told(s.get().counters()); })
+      .def_prop_ro("counters", [](const Session& s) { return counters_of(s.get().counters()); })
       .def_prop_ro("heartbeat", [](const Session& s) { return s.get().heartbeat(); })
       .def_prop_ro("sizes", &Session::sizes)
       .def_prop_ro("names", &Session::names)

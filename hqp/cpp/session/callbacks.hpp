@@ -110,8 +110,8 @@ class Callbacks final : public hqp::Foreign {
   }
   void take_faults() { failed = nb::len(nb::object(self_.attr("faults"))) > 0; }
   // (status, x, slacks and marks of all levels, detail, points of stages or None, iterations, factorisations)
-  hqp::Answered answered(const nb::object& told) {
-    const nb::tuple p = nb::cast<nb::tuple>(told);
+  hqp::Answered answered(const nb::object& parts) {
+    const nb::tuple p = nb::cast<nb::tuple>(parts);
     detail_ = nb::cast<std::string>(p[4]);
     copy(p[1], x_.data(), x_.size());
     copy(p[2], slack_.data(), slack_.size());

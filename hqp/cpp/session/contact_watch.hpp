@@ -38,12 +38,12 @@ class ContactWatch {
     out_[k] = out;
     if (out) ticks_[k] = 0;
   }
-  template <class Tell>
-  void lost(const Tell& tell) const {
+  template <class Report>
+  void lost(const Report& report) const {
     for (std::size_t k = 0; k < ticks_.size(); ++k)
       if (double(ticks_[k]) >= patience_)
-        tell(Note{names_[k].c_str(), Status::kContactLost, Cause::kContact, "", 1e3 * double(ticks_[k]) * dt_,
-                  kLeastLoad});
+        report(Note{names_[k].c_str(), Status::kContactLost, Cause::kContact, "", 1e3 * double(ticks_[k]) * dt_,
+                    kLeastLoad});
   }
   void keep(CarryOver& state) { state.take(ticks_.data(), ticks_.size()); }
 

@@ -44,8 +44,8 @@ class LimitWatch {
   bool meet() const { return meet_; }
 
   // Take the marks of all rows in a tick of that number; note the limits that alternate.
-  template <class Tell>
-  void look(const std::int8_t* marks, std::int64_t tick, const Tell& tell) {
+  template <class Report>
+  void look(const std::int8_t* marks, std::int64_t tick, const Report& report) {
     tick_ = tick;
     auto to = marks_.begin();
     for (const auto& [first, last] : parts_) to = std::copy(marks + first, marks + last, to);
@@ -56,7 +56,7 @@ class LimitWatch {
     if (!(peak > kOften)) return;
     fade();
     for (std::size_t i = 0; i < rate_.size(); ++i)
-      if (rate_[i] > kOften) tell(Note{names_[i].c_str(), Status::kOptimal, Cause::kRestless, "", rate_[i]});
+      if (rate_[i] > kOften) report(Note{names_[i].c_str(), Status::kOptimal, Cause::kRestless, "", rate_[i]});
   }
   // Return true if a joint comes to rest that far beyond its position limit: it cannot brake harder.
   static bool passed(double over, const char* unit, Note& why) {

@@ -108,7 +108,7 @@ class LiveSession {
   LiveSession(const LiveSession&) = delete;
 
   // Take the references of the next step; return -1, or the index of the first one that does not fit, and discard it.
-  int tell(const nb::tuple& references) {
+  int take_references(const nb::tuple& references) {
     bool all = false;
     int at = 0;
     for (const nb::handle reference : references) {
@@ -164,10 +164,10 @@ class LiveSession {
       const nb::gil_scoped_release release;
       session_->step(given.q(), given.v(), given.facts);
     }
-    return told();
+    return outcome();
   }
   // Record or tuple for the latest tick.
-  nb::object told() {
+  nb::object outcome() {
     const hqp::Tick& tick = session_->tick();
     nb::object made = record(*session_, next_);
     if (tick.status() == hqp::Status::kOptimal && tick.notes().size() == 0 && tick.held() == 0) return made;
@@ -205,9 +205,9 @@ class LiveSession {
   hqp::Guarded& get() { return *session_; }
 
   template <class Some>
-  static nb::list notes(const Some& told) {
+  static nb::list notes(const Some& given) {
     nb::list found;
-    for (const hqp::Note& note : told)
+    for (const hqp::Note& note : given)
       found.append(nb::make_tuple(nb::str(note.element), static_cast<int>(note.status), nb::cast(note.text())));
     return found;
   }
@@ -314,7 +314,7 @@ class LiveTransition final : public hqp::Transition::Hooks {
   }
   void after(std::size_t k) override {
     const nb::gil_scoped_acquire held;
-    owner_.attr("after")(k, sessions_[k]->told());
+    owner_.attr("after")(k, sessions_[k]->outcome());
   }
   void sent() override {
     const nb::gil_scoped_acquire held;

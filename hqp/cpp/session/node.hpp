@@ -25,11 +25,11 @@ class Memory {
 
   template <class T>
   T* at(const Json& place, std::size_t count, char type) const {
-    const std::vector<Json>& told = place["@"].items;
-    if (told.size() != 3 || told[2].number != double(count))
+    const std::vector<Json>& json = place["@"].items;
+    if (json.size() != 3 || json[2].number != double(count))
       throw PlanError("an array of the plan needs " + std::to_string(count) + " items: export it anew");
     if (count == 0) return reinterpret_cast<T*>(base_);
-    const double k = told[0].number, first = told[1].number;
+    const double k = json[0].number, first = json[1].number;
     if (!(k >= 0.0 && k < double(plan_.buffers().size())))
       throw PlanError("an array of the plan names a buffer that does not exist: export it anew");
     const Plan::Buffer& buffer = plan_.buffers()[static_cast<std::size_t>(k)];
@@ -46,7 +46,7 @@ class Memory {
 
 class Node : public PlanOf<Node> {
  public:
-  Node(const Json& told, const Memory& memory) : told_(&told), memory_(&memory) {}
+  Node(const Json& json, const Memory& memory) : json_(&json), memory_(&memory) {}
 
   using PlanOf::doubles;
   using PlanOf::flag;
@@ -56,58 +56,58 @@ class Node : public PlanOf<Node> {
   using PlanOf::numbers;
   using PlanOf::parts;
 
-  std::string name() const { return (*told_)["class"].text; }
-  const std::string& text(const char* field) const { return (*told_)[field].text; }
-  bool is_none() const { return told_->kind == Json::Kind::kNone; }
+  std::string name() const { return (*json_)["class"].text; }
+  const std::string& text(const char* field) const { return (*json_)[field].text; }
+  bool is_none() const { return json_->kind == Json::Kind::kNone; }
   bool has(const char* field) const {
-    const Json* found = told_->find(field);
+    const Json* found = json_->find(field);
     return found && found->kind != Json::Kind::kNone;
   }
-  double number() const { return Plan::number_of(*told_); }
+  double number() const { return Plan::number_of(*json_); }
   int integer() const {
     const double found = number();
     if (!(found >= -2147483648.0 && found <= 2147483647.0))
       throw PlanError("a field of the plan is not a whole number of 32 bits: export it anew");
     return static_cast<int>(found);
   }
-  bool flag() const { return told_->flag; }
+  bool flag() const { return json_->flag; }
   std::vector<int> ints() const {
     std::vector<int> found;
-    for (const Json& one : told_->items) found.push_back(Node(one, *memory_).integer());
+    for (const Json& one : json_->items) found.push_back(Node(one, *memory_).integer());
     return found;
   }
   std::vector<double> numbers() const {
     std::vector<double> found;
-    for (const Json& one : told_->items) found.push_back(Plan::number_of(one));
+    for (const Json& one : json_->items) found.push_back(Plan::number_of(one));
     return found;
   }
   std::vector<std::string> texts(const char* field) const {
     std::vector<std::string> found;
-    for (const Json& one : (*told_)[field].items) found.push_back(one.text);
+    for (const Json& one : (*json_)[field].items) found.push_back(one.text);
     return found;
   }
-  Node part(const char* field) const { return {(*told_)[field], *memory_}; }
+  Node part(const char* field) const { return {(*json_)[field], *memory_}; }
   std::vector<Node> parts() const {
     std::vector<Node> found;
-    for (const Json& one : told_->items) found.emplace_back(one, *memory_);
+    for (const Json& one : json_->items) found.emplace_back(one, *memory_);
     return found;
   }
   std::size_t size() const {  // items of an array
-    const std::vector<Json>& told = (*told_)["@"].items;
-    if (told.size() != 3 || !(told[2].number >= 0.0 && told[2].number < 1e9))
+    const std::vector<Json>& json = (*json_)["@"].items;
+    if (json.size() != 3 || !(json[2].number >= 0.0 && json[2].number < 1e9))
       throw PlanError("a field of the plan is not an array: export it anew");
-    return static_cast<std::size_t>(told[2].number);
+    return static_cast<std::size_t>(json[2].number);
   }
-  double* doubles(std::size_t count) const { return memory_->at<double>(*told_, count, 'd'); }
-  const std::int64_t* longs(std::size_t count) const { return memory_->at<std::int64_t>(*told_, count, 'l'); }
-  std::int8_t* bytes(std::size_t count) const { return memory_->at<std::int8_t>(*told_, count, 'b'); }
+  double* doubles(std::size_t count) const { return memory_->at<double>(*json_, count, 'd'); }
+  const std::int64_t* longs(std::size_t count) const { return memory_->at<std::int64_t>(*json_, count, 'l'); }
+  std::int8_t* bytes(std::size_t count) const { return memory_->at<std::int8_t>(*json_, count, 'b'); }
   std::int32_t* slots(int& rows) const {
     rows = static_cast<int>(size());
-    return memory_->at<std::int32_t>(*told_, size(), 'i');
+    return memory_->at<std::int32_t>(*json_, size(), 'i');
   }
 
  private:
-  const Json* told_;
+  const Json* json_;
   const Memory* memory_;
 };
 

@@ -107,19 +107,19 @@ class Outgoing {
   // Write the answer or its replacement into x; return false if it is unusable, and the command must come to rest.
   // rest, from(): as below. Until a search has ended the robot comes to rest: at rest its problem stays the same, so
   // that a search that continues from tick to tick ends; cut answers would move it off its balance.
-  template <class From, class Tell>
+  template <class From, class Report>
   bool take(const Answered& answer, const Before& before, Rest& rest, From&& from, const ContactWatch& contacts,
-            const MotorLimits* motors, const double* v, const RateLimiter* limiter, double* x, const Tell& tell) {
+            const MotorLimits* motors, const double* v, const RateLimiter* limiter, double* x, const Report& report) {
     const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
     allowed_ = answer.allowed;
     if (answer.status != Status::kOptimal) {
-      const bool off = off_by(answer.slack, "", tell), out = leaves_box(answer.slack);
+      const bool off = off_by(answer.slack, "", report), out = leaves_box(answer.slack);
       const Status status = out ? std::max(answer.status, Status::kNotCertified) : answer.status;
       const char* why = *answer.detail ? answer.detail : sentences_[std::size_t(status)].c_str();
-      if (!off || status != Status::kConstraintsViolated) tell(Note{"solver", status, Cause::kSolver, why});
+      if (!off || status != Status::kConstraintsViolated) report(Note{"solver", status, Cause::kSolver, why});
       if (status >= Status::kNotCertified) return false;
     } else if (!finite) {
-      tell(Note{"solver", Status::kNotCertified, Cause::kNotFinite});
+      report(Note{"solver", Status::kNotCertified, Cause::kNotFinite});
     }
     if (!finite) return false;
     const bool cut = answer.status == Status::kIterationLimit || answer.status == Status::kTimeLimit;
@@ -133,53 +133,53 @@ class Outgoing {
       sent = first_.data();
     }
     std::copy(sent, sent + n_, x);
-    contacts.lost(tell);
-    if (motors) hold(*motors, v, x, tell);
-    if (limiter) limit(*limiter, before.x, x, tell);
+    contacts.lost(report);
+    if (motors) hold(*motors, v, x, report);
+    if (limiter) limit(*limiter, before.x, x, report);
     if (!cut) trend_.take(x, before.tick);
     return true;
   }
 
   // Write the next x towards rest.  held: ticks without a usable answer.  why: status of the worst note.  fit: true if
   // this state is valid; from(): this state, or the last valid one.
-  template <class From, class Tell>
+  template <class From, class Report>
   void rest(Rest& rest, From&& from, bool fit, std::int64_t held, Status why, const Before& before,
-            const RateLimiter* limiter, double* x, const Tell& tell) {
+            const RateLimiter* limiter, double* x, const Report& report) {
     trend_.forget();
     allowed_ = nullptr;
     if (fit || held == 1) rest.begin(from(), before.x, fit);
-    if (!before.good && !fit) tell(Note{"session", why, Cause::kNoState});
+    if (!before.good && !fit) report(Note{"session", why, Cause::kNoState});
     rest.next(x);
-    if (limiter) limit(*limiter, before.x, x, tell);
+    if (limiter) limit(*limiter, before.x, x, report);
   }
 
   // Move x back to the point that the limiter allows; report rows of subject_to that are violated by it.
-  template <class Tell>
-  void limit(const RateLimiter& limiter, const double* last, double* x, const Tell& tell) {
+  template <class Report>
+  void limit(const RateLimiter& limiter, const double* last, double* x, const Report& report) {
     Note why;
     const double share = limiter.share(last, x, motors_, why);
     if (share == 1.0) return;
     for (int i = 0; i < n_; ++i) x[i] = last[i] + share * (x[i] - last[i]);
-    tell(why);
-    off_at(x, limiter.name(), tell);
+    report(why);
+    off_at(x, limiter.name(), report);
   }
 
   // Move x into the limits of the motors; report rows of subject_to that are violated by it.
-  template <class Tell>
-  void hold(const MotorLimits& motors, const double* v, double* x, const Tell& tell) {
+  template <class Report>
+  void hold(const MotorLimits& motors, const double* v, double* x, const Report& report) {
     Note why;
     if (!motors.hold(x, std::size_t(n_), v, motors_, why)) return;
-    tell(why);
-    off_at(x, motors.name(), tell);
+    report(why);
+    off_at(x, motors.name(), report);
   }
 
  private:
-  template <class Tell>
-  void off_at(const double* x, const char* limit, const Tell& tell) {
+  template <class Report>
+  void off_at(const double* x, const char* limit, const Report& report) {
     double* w = slack_.data();
     for (const Level& level : levels_)
       for (int i = 0; i < level.m; ++i) *w++ = slack(value(level, i, x, n_), level.lower[i], level.upper[i]);
-    off_by(slack_.data(), limit, tell);
+    off_by(slack_.data(), limit, report);
   }
   // Return true if an answer violates bounds on single variables in the first level. Such bounds can always be met,
   // so that no optimum violates them.
@@ -199,8 +199,8 @@ class Outgoing {
     return false;
   }
   // Report violated elements of subject_to, by a limit of that name; return true if there is one.
-  template <class Tell>
-  bool off_by(const double* slack, const char* limit, const Tell& tell) const {
+  template <class Report>
+  bool off_by(const double* slack, const char* limit, const Report& report) const {
     bool any = false;
     for (const Part& part : parts_) {
       Note why{part.name.c_str(), Status::kConstraintsViolated, Cause::kOff, limit};
@@ -210,7 +210,7 @@ class Outgoing {
                     allowed_ ? allowed_ + first : nullptr, std::size_t(part.last - part.first), violation_, part.names,
                     part.operation, why))
         continue;
-      tell(why), any = true;
+      report(why), any = true;
     }
     return any;
   }

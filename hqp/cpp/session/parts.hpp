@@ -89,7 +89,7 @@ std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
   exact.problem.origin = p.maybe("origin", width);
   if (!staged) return made;
   made->bind(law_of(p, count, width));
-  made->make_heads();
+  made->make_prefixes();
   return made;
 }
 

@@ -24,25 +24,26 @@ class Plan {
     const std::size_t line = file.find('\n');
     if (file.compare(0, 9, "hqp plan,") != 0 || line == std::string::npos || line > 200)
       throw PlanError("not a plan file of hqp: it must begin with 'hqp plan,'; write one by hqp export");
-    const std::string head = file.substr(0, line);
+    const std::string header = file.substr(0, line);
     const std::string_view body(file.data() + line + 1, file.size() - line - 1);
-    if (told(head, "format ") != std::to_string(kFormat))
-      throw PlanError("the plan has format " + told(head, "format ") + ", this version of hqp reads format " +
+    if (field(header, "format ") != std::to_string(kFormat))
+      throw PlanError("the plan has format " + field(header, "format ") + ", this version of hqp reads format " +
                       std::to_string(kFormat) + ": export it anew");
-    if (told(head, "version ") != kVersion)
-      throw PlanError("the plan was written by hqp " + told(head, "version ") + ", this is " + kVersion +
+    if (field(header, "version ") != kVersion)
+      throw PlanError("the plan was written by hqp " + field(header, "version ") + ", this is " + kVersion +
                       ": export it anew");
-    if (told(head, "size ") != std::to_string(body.size()))
+    if (field(header, "size ") != std::to_string(body.size()))
       throw PlanError("the plan is cut short: it has " + std::to_string(body.size()) + " bytes of " +
-                      told(head, "size "));
+                      field(header, "size "));
     const std::string own = hash(body);
-    if (told(head, "hash ") != own)
+    if (field(header, "hash ") != own)
       throw PlanError("the plan was changed after it was written: its hash differs; export it anew");
     const std::string plain = "hqp plan, format " + std::to_string(kFormat) + ", version " + kVersion + ", size " +
                               std::to_string(body.size()) + ", hash " + own;
-    const std::string signature = told(head, "hmac ");
-    const bool bare = head == plain, hexadecimal = signature.find_first_not_of("0123456789abcdef") == std::string::npos;
-    if (!bare && !(head == plain + ", hmac " + signature && signature.size() == 64 && hexadecimal))
+    const std::string signature = field(header, "hmac ");
+    const bool bare = header == plain,
+               hexadecimal = signature.find_first_not_of("0123456789abcdef") == std::string::npos;
+    if (!bare && !(header == plain + ", hmac " + signature && signature.size() == 64 && hexadecimal))
       throw PlanError("the plan was changed: its first line must have format, version, size, hash and hmac only");
     if (!key.empty() && bare)
       throw PlanError("the plan is not signed, but a key is given: export it with that key, or load it without one");
@@ -66,10 +67,10 @@ class Plan {
  private:
   static constexpr std::size_t kLargest = std::size_t{1} << 28;  // bytes of all buffers
 
-  static std::string told(const std::string& head, const std::string& name) {
-    const std::size_t at = head.find(name);
+  static std::string field(const std::string& header, const std::string& name) {
+    const std::size_t at = header.find(name);
     if (at == std::string::npos) return "unknown";
-    return head.substr(at + name.size(), head.find(',', at) - at - name.size());
+    return header.substr(at + name.size(), header.find(',', at) - at - name.size());
   }
   static std::string hash(std::string_view body) {
     std::uint64_t found = 0xCBF29CE484222325u;
@@ -81,9 +82,9 @@ class Plan {
 
   void lay_out() {
     std::size_t used = 0;
-    for (const Json& told : root_["buffers"].items) {
-      const std::string& type = told["type"].text;
-      const double size = told["size"].number;
+    for (const Json& buffer : root_["buffers"].items) {
+      const std::string& type = buffer["type"].text;
+      const double size = buffer["size"].number;
       const char kind = type == "f8" ? 'd' : type == "i8" ? 'l' : type == "i4" ? 'i' : type == "i1" ? 'b' : '\0';
       if (!kind || !(size >= 0.0 && size < double(kLargest)))
         throw PlanError("a buffer of the plan has type '" + type + "' and size " + std::to_string(size) +
@@ -95,7 +96,7 @@ class Plan {
     }
     image_.assign(used / sizeof(double), 0.0);
     std::size_t k = 0;
-    for (const Json& told : root_["buffers"].items) fill(buffers_[k++], told["runs"]);
+    for (const Json& buffer : root_["buffers"].items) fill(buffers_[k++], buffer["runs"]);
   }
   void fill(const Buffer& buffer, const Json& runs) {
     for (const Json& run : runs.items) {
@@ -125,11 +126,11 @@ class Plan {
 
  public:
   // A number, or the text of one that is not finite.
-  static double number_of(const Json& told) {
-    if (told.kind == Json::Kind::kNumber) return told.number;
-    if (told.text == "inf") return std::numeric_limits<double>::infinity();
-    if (told.text == "-inf") return -std::numeric_limits<double>::infinity();
-    if (told.text == "nan") return std::numeric_limits<double>::quiet_NaN();
+  static double number_of(const Json& json) {
+    if (json.kind == Json::Kind::kNumber) return json.number;
+    if (json.text == "inf") return std::numeric_limits<double>::infinity();
+    if (json.text == "-inf") return -std::numeric_limits<double>::infinity();
+    if (json.text == "nan") return std::numeric_limits<double>::quiet_NaN();
     throw PlanError("a field of the plan is not a number: export it anew");
   }
 

@@ -81,12 +81,12 @@ std::string Note::text() const {
     case Cause::kOff: {
       std::string text =
           "violated by up to " + g3(amount) + (where[0] ? " by the " + std::string(where) + " limit" : "");
-      const int told = std::min(row_count, 3);
-      for (int i = 0; i < told; ++i) {
+      const int shown = std::min(row_count, 3);
+      for (int i = 0; i < shown; ++i) {
         text += (i ? ", " : ": ") + std::string(rows[i].name) + " " + g3(rows[i].amount);
         if (rows[i].of_shapes) text += " at " + number("%.1f", 1e3 * rows[i].distance) + " mm";
       }
-      return row_count > told ? text + " and " + std::to_string(row_count - told) + " more" : text;
+      return row_count > shown ? text + " and " + std::to_string(row_count - shown) + " more" : text;
     }
     case Cause::kRate:
       return std::string(where) + " would change by " + g3(amount) + "/s, allowed " + g3(allowed) +
@@ -111,7 +111,7 @@ std::string Note::text() const {
       return "cannot be released: it still carries " + g3(amount) + " N" +
              (most >= 0.0 ? " and " + g3(most) + " N m" : "") + "; unload it first";
     case Cause::kAnyAge:
-      return "states tell their time, but the session has no max_age: old states are used, and joints that do not "
+      return "states carry their time, but the session has no max_age: old states are used, and joints that do not "
              "follow "
              "are not found; declare session(..., max_age=...)";
     case Cause::kFollow:

@@ -87,7 +87,7 @@ class Transition {
         good_(under_way ? under_way->good_ : stacks_[0]->latest().good),
         ordinary_(under_way ? under_way->ordinary_ : stacks_[0]->ordinary()),
         reached_(ordinary_ && !under_way),
-        asked_(way.stops.size() == 2) {
+        chosen_(way.stops.size() == 2) {
     if (stacks_.size() != way_.stops.size()) throw PlanError("a transition needs a session for each of its stacks");
     const Guarded& from = under_way_ ? under_way_->latest() : *stacks_[0];
     const Tick& tick = under_way_ ? under_way_->tick_ : stacks_[0]->tick();
@@ -112,8 +112,8 @@ class Transition {
   void keep(CarryOver& state) {
     ramp_.keep(state);
     state.take(x_.data(), x_.size()), state.take(tick_.count_), state.take(held_), state.take(progress_);
-    state.take(good_), state.take(ordinary_), state.take(reached_), state.take(asked_), state.take(begun_);
-    state.take(felt_), state.take(leaving_), state.take(sent_.stack);
+    state.take(good_), state.take(ordinary_), state.take(reached_), state.take(chosen_), state.take(begun_);
+    state.take(direct_), state.take(leaving_), state.take(sent_.stack);
     if (state.writes()) return;
     order_.clear();
     for (std::size_t k = 0; k < stacks_.size(); ++k) order_.push_back(k);
@@ -126,12 +126,12 @@ class Transition {
 
   // Load that a contact was measured to bear in the next tick [N].
   void measure(const std::string& name, double load) {
-    if (!asked_) loads_.emplace_back(name, load);
+    if (!chosen_) loads_.emplace_back(name, load);
   }
 
   const Tick& step(const double* q, const double* v, const StateFacts& facts) {
     const double start = Timing::now();
-    if (!std::exchange(asked_, true)) feel();
+    if (!std::exchange(chosen_, true)) choose_way();
     loads_.clear();
     if (!std::exchange(begun_, true)) begin();
     Easing* const ease = easings_[ramp_.at()].get();
@@ -231,7 +231,7 @@ class Transition {
   // Choose the way by the loads that contacts were measured to bear: if the ground is known to be under those that are
   // taken up, and those that are released bear little, answers may be blended as they are: forces follow from the
   // torques, and so from the measurement.
-  void feel() {
+  void choose_way() {
     const auto all = [&](const std::vector<std::string>& names, bool bears) {
       return std::all_of(names.begin(), names.end(), [&](const std::string& name) {
         double load = bears ? 0.0 : INFINITY;
@@ -242,13 +242,13 @@ class Transition {
     };
     for (const Way::Stop& stop : way_.stops)
       if (!all(stop.taken, true) || !all(stop.released, false)) return;
-    felt_ = true;
+    direct_ = true;
     take_way();
   }
   void take_way() {
     std::vector<double> spans;
     easings_.clear();
-    if (felt_) order_ = {0, stacks_.size() - 1};
+    if (direct_) order_ = {0, stacks_.size() - 1};
     for (std::size_t k = 0; k + 1 < order_.size(); ++k) {
       const double span = way_.stops[order_[k]].switches ? 0.0 : 1.0;
       const Eased* eased = span > 0.0 ? stop(k + 1).eased.get() : nullptr;
@@ -260,7 +260,7 @@ class Transition {
     }
     ramp_.take(std::move(spans));
   }
-  const Way::Stop& stop(std::size_t k) const { return felt_ && k == 1 ? *way_.direct : way_.stops[order_[k]]; }
+  const Way::Stop& stop(std::size_t k) const { return direct_ && k == 1 ? *way_.direct : way_.stops[order_[k]]; }
 
   // Begin a pair: hold values and references of the second stack, and its eased rows.
   void begin() {
@@ -275,7 +275,7 @@ class Transition {
   // Note the contacts that have to bear nothing now, for they leave the dynamics, and still do.
   void bear(const double* x) {
     const std::vector<std::string>& released = way_.stops[order_[ramp_.at()]].released;
-    if (released.empty() || felt_) return;
+    if (released.empty() || direct_) return;
     const Guarded& rows = is_under_way(0) ? under_way_->latest() : stack(0);
     for (const std::string& name : released)
       for (const Member& contact : rows.line().members()) {
@@ -295,7 +295,7 @@ class Transition {
   }
 
   void blend(Guarded& first, Guarded& second, const Tick& a, const Tick& b, double h) {
-    const double reach = ramp_.blend(a.x().data(), b.x().data(), x_.data(), h, easings_[ramp_.at()].get(), felt_,
+    const double reach = ramp_.blend(a.x().data(), b.x().data(), x_.data(), h, easings_[ramp_.at()].get(), direct_,
                                      tick_.x_.data(), x_.size());
     tick_.note_count_ = 0;
     for (const Note& note : a.notes()) tick_.add(note);
@@ -368,9 +368,9 @@ class Transition {
   Ramp ramp_;
   RateLimiter gradual_;
   std::vector<double> x_, force_;  // x_: sent last
-  bool good_, ordinary_, reached_, asked_, begun_ = false, felt_ = false,
-                                           leaving_ = false;  // reached_: all tasks were within reach
-                                                              // at first; leaving_: another transition has begun
+  bool good_, ordinary_, reached_, chosen_, begun_ = false, direct_ = false,
+                                            leaving_ = false;  // reached_: all tasks were within reach
+                                                               // at first; leaving_: another transition has begun
   std::int64_t held_ = 0;
   std::vector<std::size_t> order_;  // stacks that are passed
   std::vector<std::unique_ptr<Easing>> easings_;

@@ -134,11 +134,11 @@ class Batch {
             worker.kernel->reset(false);
             worker.kernel->solve(problems_[i], options_, answer);
             if (staged()) follow(worker, i, answer, points.data() + i * rows_.size() * static_cast<std::size_t>(n_));
-            std::int32_t* told = effort.data() + 4 * i;
-            told[0] = static_cast<std::int32_t>(answer.outcome);
-            told[1] = answer.iterations;
-            told[2] = answer.factorisations;
-            told[3] = answer.unsure;
+            std::int32_t* counts = effort.data() + 4 * i;
+            counts[0] = static_cast<std::int32_t>(answer.outcome);
+            counts[1] = answer.iterations;
+            counts[2] = answer.factorisations;
+            counts[3] = answer.unsure;
           }
       };
       std::vector<std::thread> others;

@@ -114,7 +114,7 @@ class Workspace final : public hqp::SolveCall {
     unsure_ = unsure;
     parts_ = nb::make_tuple(slack, active);
     pairs_of_levels_ = multipliers;
-    head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
+    leading_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
   }
 
   // Bind new arrays, solve, and build the Solution from copies of the views given, all in one locked call; None if the
@@ -135,7 +135,7 @@ class Workspace final : public hqp::SolveCall {
     if (answer.outcome == hqp::Outcome::invalid) return nb::none();
     const nb::object numbers = copy(all_numbers);
     const nb::object made = fresh(solution_);
-    set(made, key_.x, nb::object(numbers[head_]));
+    set(made, key_.x, nb::object(numbers[leading_]));
     set(made, key_.status, nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
     set(made, key_.numbers, numbers);
     set(made, key_.parts, parts_);
@@ -175,9 +175,9 @@ class Workspace final : public hqp::SolveCall {
     return core_.follow_from(from) >= 0;
   }
   bool unpriced_met(const Vector& x) { return core_.stages().unpriced_met(sized(x, n_)); }
-  int head() const { return core_.head(); }
+  int prefix() const { return core_.prefix(); }
   double elapsed() const { return core_.elapsed(); }
-  void untold() { core_.untold(); }
+  void without_multipliers() { core_.without_multipliers(); }
 
   // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, whether the answer
   // depends on such, and whether that or an end is in doubt.
@@ -194,7 +194,7 @@ class Workspace final : public hqp::SolveCall {
 
   // Multipliers of the latest answer, live: rows above each level, then its own; empty for stages without exact
   // multipliers, None if they are not available.
-  nb::object tell() {
+  nb::object exact_multipliers() {
     const Lock lock(busy_);
     hqp::BoundKernel* const teller = bound_ ? core_.teller() : nullptr;
     if (!teller && !core_.staged()) return nb::none();
@@ -220,13 +220,13 @@ class Workspace final : public hqp::SolveCall {
   }
   // Write the shares of every level, of the latest solve, for the slacks of all rows, the solution and the multipliers
   // of the first exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
-  void account(const Vector& w, const Vector& x, const Vector& told, const Written& out) {
+  void account(const Vector& w, const Vector& x, const Vector& multipliers, const Written& out) {
     const Lock lock(busy_);
     const std::size_t E = static_cast<std::size_t>(elements_), levels = priced_.size();
     if (!E) refuse("accounts() comes first");
     double* const to = sized(out, 4 * E + levels * (E + 2));
     core_.stages().account({core_.points().data(), sized(w, owner_.size()), owner_.data(), elements_,
-                            told.size() ? told.data() : nullptr, told.size(), sized(x, n_), near_},
+                            multipliers.size() ? multipliers.data() : nullptr, multipliers.size(), sized(x, n_), near_},
                            to, to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
@@ -347,7 +347,7 @@ class Workspace final : public hqp::SolveCall {
   std::vector<char> priced_;
   hqp::LevelSolve core_;
   hqp::Reader reader_;
-  nb::object kept_, priced_by_, solution_, head_;
+  nb::object kept_, priced_by_, solution_, leading_;
   const PyObject* bound_ = nullptr;  // the bound hierarchy, alive in `kept_`; null if nothing is
   nb::tuple statuses_, parts_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
@@ -402,9 +402,9 @@ NB_MODULE(_lexicographic, m) {
       .def("begin", &Workspace::begin)
       .def("follow", &Workspace::follow, "x"_a)
       .def("unpriced_met", &Workspace::unpriced_met, "x"_a)
-      .def_prop_ro("head", &Workspace::head)
+      .def_prop_ro("prefix", &Workspace::prefix)
       .def("elapsed", &Workspace::elapsed)
-      .def("untold", &Workspace::untold)
+      .def("without_multipliers", &Workspace::without_multipliers)
       .def("effort", &Workspace::effort)
       .def("describe", &Workspace::describe, "x"_a, "slack"_a, "marks"_a)
       .def("accounts", &Workspace::accounts, "hierarchy"_a, "owner"_a, "elements"_a, "near"_a)
@@ -414,7 +414,7 @@ NB_MODULE(_lexicographic, m) {
       .def("report_as", &Workspace::report_as, "solution"_a, "statuses"_a, "slack"_a, "active"_a, "multipliers"_a,
            "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "hierarchy"_a.none(), "build_seconds"_a, "numbers"_a, "multipliers"_a)
-      .def("tell", &Workspace::tell)
+      .def("exact_multipliers", &Workspace::exact_multipliers)
       .def("reset", &Workspace::reset, "plain"_a = false)
       .def("turn", &Workspace::turn, "out"_a)
       .def("values", &Workspace::values)

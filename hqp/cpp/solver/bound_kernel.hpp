@@ -43,11 +43,11 @@ class BoundKernel {
   void limit(double seconds) { options.time_limit = seconds; }
 
   // Write multipliers of the latest answer into multipliers(); false if they are not available.
-  bool tell() {
+  bool write_multipliers() {
     Answer answer;
     answer.slack = numbers_.data() + n_;
     answer.multipliers = lambda_.data();
-    return kernel_->tell(problem, answer);
+    return kernel_->write_multipliers(problem, answer);
   }
   // x (n) moves to the soft choice, or with `hard` to a point within the rows.
   void choose(double* x, bool hard) { kernel_->choose(problem, options, x, hard); }

@@ -40,7 +40,7 @@ struct Conditions {
   int open_count = 0, active = 0;
   NullSpace null_space;             // null space of the rows fixed so far
   NonnegativeLeastSquares columns;  // the multipliers of the present level
-  RowSortedLeastSquares face;       // the present level on a face
+  RowSortedLeastSquares reduced;    // the present level on a reduced
   int* order = nullptr;             // (rows of a level,) its rows, the longest first
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
@@ -59,7 +59,7 @@ struct Conditions {
     null_space.layout(arena, n);
     columns.layout(arena, n, all);
     factor_.layout(arena, n, all);
-    face.layout(arena, n, most);
+    reduced.layout(arena, n, most);
     arena.place(order, most);
     arena.place(x, n);
     arena.place(v, all);
@@ -222,8 +222,8 @@ struct Conditions {
     for (int i = 0; i < m; ++i) {
       const int r = order[i];
       turned(n + r, base);
-      face.set(i, t_ + null_space.rank, f, t.norm[r], -w[r - b.begin], t_ + base,
-               with_kept ? null_space.rank - base : 0);
+      reduced.set(i, t_ + null_space.rank, f, t.norm[r], -w[r - b.begin], t_ + base,
+                  with_kept ? null_space.rank - base : 0);
     }
     return m;
   }
@@ -303,16 +303,16 @@ struct Conditions {
   }
 
   // y_ of a level whose rows differ in length; false where it is zero. Rounding of a long row's slack would hide the
-  // forces of the short ones: it is taken apart by least squares on the face of the active rows, and left out.
+  // forces of the short ones: it is taken apart by least squares on the reduced of the active rows, and left out.
   bool graded_gradient(int k) {
     const int base = null_space.rank;
     int count = 0;
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
-    face.solve(m, f, 1e-14 / shortest, more);
-    scale_ = face.gradient(m, f, more, larger(1.0, table->largest(x)), kData, kStill, kData / kSlop,
-                           y_ + null_space.rank, y_ + base);
+    reduced.solve(m, f, 1e-14 / shortest, more);
+    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kData, kStill, kData / kSlop,
+                              y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
     null_space.rank = base;
     if (scale_ == 0.0) return false;
@@ -330,7 +330,7 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count), f = null_space.freedom();
-    const double reach = f ? face.solve(m, f, larger(kSeen, kData / shortest)) : 0.0;
+    const double reach = f ? reduced.solve(m, f, larger(kSeen, kData / shortest)) : 0.0;
     null_space.rank = base;
     double most = 0.0;
     for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));

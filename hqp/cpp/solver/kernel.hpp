@@ -11,7 +11,7 @@ class Kernel {
   virtual ~Kernel() = default;
   virtual void solve(const Problem& problem, const Options& options, Answer& answer) = 0;
   // Write multipliers of the latest answer into answer.multipliers; false if its working set is gone.
-  virtual bool tell(const Problem& problem, Answer& answer) = 0;
+  virtual bool write_multipliers(const Problem& problem, Answer& answer) = 0;
   // x (n) moves to the soft choice (soft_choice.hpp), or with `hard` to a point within the rows.
   virtual void choose(const Problem& problem, const Options& options, double* x, bool hard) = 0;
   // By how much each row of the constraints may be exceeded at the latest choice; null if by nothing.

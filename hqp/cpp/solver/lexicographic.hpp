@@ -26,14 +26,14 @@ class Lexicographic final : public Kernel {
   void keep(CarryOver& warm) override { set_.keep(warm); }
 
   void solve(const Problem& problem, const Options& options, Answer& answer) override {
-    told_ = false;
+    solved_ = false;
     if (!state_.problem.table.read(problem)) {
       set_.forget(false);
       answer.outcome = Outcome::invalid;
       return;
     }
     set_.solve(options);
-    told_ = set_.judged == 0 && state_.outcome <= Outcome::rank_uncertain;
+    solved_ = set_.judged == 0 && state_.outcome <= Outcome::rank_uncertain;
     answer.outcome = state_.outcome;
     answer.iterations = state_.iterations;
     answer.factorisations = state_.problem.factorisations;
@@ -54,9 +54,9 @@ class Lexicographic final : public Kernel {
   }
   const double* allowed() override { return choice_.allowed(); }
 
-  bool tell(const Problem& problem, Answer& answer) override {
-    if (told_) multipliers(problem, answer);
-    return told_;
+  bool write_multipliers(const Problem& problem, Answer& answer) override {
+    if (solved_) multipliers(problem, answer);
+    return solved_;
   }
 
  private:
@@ -66,7 +66,7 @@ class Lexicographic final : public Kernel {
   int n_;
   SoftChoice choice_;
   std::vector<double> x_;  // (n,) the answer
-  bool told_ = false;
+  bool solved_ = false;
 
   static int sum(int levels, const int* m) {
     int total = 0;

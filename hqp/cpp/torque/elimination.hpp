@@ -22,7 +22,7 @@ class Elimination : public Reactions {
 };
 
 // Rows on qdd, lower <= J qdd <= upper, as rows on tau: lower - J c <= J X tau <= upper - J c.
-struct Asked {
+struct AccelerationRows {
   int m;
   double* A;  // (m, n), written as the bounds are
   const double *demand_lower, *demand_upper;
@@ -33,8 +33,8 @@ class TorqueRows {
  public:
   virtual ~TorqueRows() = default;
   // J (m, nv); or rows that pick coordinates, with a weight each or none.
-  virtual void product(const double* J, const Asked& rows) = 0;
-  virtual void pick(std::vector<int> index, std::vector<double> weight, const Asked& rows) = 0;
+  virtual void product(const double* J, const AccelerationRows& rows) = 0;
+  virtual void pick(std::vector<int> index, std::vector<double> weight, const AccelerationRows& rows) = 0;
   // S (qdd + rest v) is motion: F (nv, n) = S X, f (nv) = -S (c + rest v), S = diag(scale).
   virtual void motion(std::vector<double> scale, double rest, double* F, double* f) = 0;
   // v (nv); c (nv) in the place of that of the map, or null.
@@ -69,7 +69,7 @@ class ForceRows {
   // Three of the constraints' rows from `first` on are turned into a contact's axes, by the live transpose of its
   // rotation, row-major.
   virtual void turn(int first, const double* rotation) = 0;
-  virtual void add(const double* C, const Asked& rows) = 0;  // C (rows, m), its sign that of lambda
+  virtual void add(const double* C, const AccelerationRows& rows) = 0;  // C (rows, m), its sign that of lambda
   // T (m, m), top (m, n + 1) of an elimination; shift (n): part of tau that the model of the forces does not know, or
   // null.
   virtual void run(const double* T, const double* top, const double* shift) = 0;

@@ -19,7 +19,7 @@ class RowsOfForces final : public ForceRows {
 
   void ground(const GroundAxes& contact) override { ground_.push_back(contact); }
   void turn(int first, const double* rotation) override { turns_.push_back({first, rotation}); }
-  void add(const double* C, const Asked& rows) override { rows_.push_back({C, rows}); }
+  void add(const double* C, const AccelerationRows& rows) override { rows_.push_back({C, rows}); }
   void share(const Shared& contacts) override { shared_.push_back(contacts); }
 
   void run(const double* T, const double* top, const double* shift) override {
@@ -99,7 +99,7 @@ class RowsOfForces final : public ForceRows {
 
   struct Bound {
     const double* C;
-    Asked rows;
+    AccelerationRows rows;
   };
 
   int m_, n_;

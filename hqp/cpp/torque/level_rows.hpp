@@ -15,8 +15,8 @@ class LevelRows final : public TorqueRows {
  public:
   LevelRows(const double* map, int nv, int n) : map_(map), nv_(nv), n_(n), c_(nv) {}
 
-  void product(const double* J, const Asked& rows) override { products_.push_back({J, rows}); }
-  void pick(std::vector<int> index, std::vector<double> weight, const Asked& rows) override {
+  void product(const double* J, const AccelerationRows& rows) override { products_.push_back({J, rows}); }
+  void pick(std::vector<int> index, std::vector<double> weight, const AccelerationRows& rows) override {
     picks_.push_back({std::move(index), std::move(weight), rows});
   }
   void motion(std::vector<double> scale, double rest, double* F, double* f) override {
@@ -57,15 +57,15 @@ class LevelRows final : public TorqueRows {
  private:
   struct Product {
     const double* J;
-    Asked rows;
+    AccelerationRows rows;
   };
   struct Pick {
     std::vector<int> index;
     std::vector<double> weight;
-    Asked rows;
+    AccelerationRows rows;
   };
 
-  static void shift(const Asked& rows, int i, double offset) {
+  static void shift(const AccelerationRows& rows, int i, double offset) {
     rows.lower[i] = rows.demand_lower[i] - offset;
     rows.upper[i] = rows.demand_upper[i] - offset;
   }

@@ -37,14 +37,14 @@ class TorqueParts final : public SolveCall {
     elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, m, out_.data()));
     rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map_, nv, n));
     for (const Plan& one : p.parts("products")) {
-      const Asked asked = rows(one);
-      rows_->product(one.doubles("J", std::size_t(asked.m) * nv_), asked);
+      const AccelerationRows requested = rows(one);
+      rows_->product(one.doubles("J", std::size_t(requested.m) * nv_), requested);
     }
     for (const Plan& one : p.parts("picks")) {
-      const Asked asked = rows(one);
+      const AccelerationRows requested = rows(one);
       const std::vector<int> index = one.places("index", nv_);
-      need(index.size() == std::size_t(asked.m), "a row picks one coordinate");
-      rows_->pick(index, one.numbers("weight", index.size()), asked);
+      need(index.size() == std::size_t(requested.m), "a row picks one coordinate");
+      rows_->pick(index, one.numbers("weight", index.size()), requested);
     }
     if (p.has("motion")) {
       const Plan motion = p.part("motion");
@@ -61,8 +61,8 @@ class TorqueParts final : public SolveCall {
         forces_->turn(one.place("first", m_ < 3 ? 0 : m_ - 2), one.doubles("rotation", 9));
       for (const Plan& one : forces.parts("shared")) share(one);
       for (const Plan& one : forces.parts("rows")) {
-        const Asked asked = rows(one);
-        forces_->add(one.doubles("C", std::size_t(asked.m) * m_), asked);
+        const AccelerationRows requested = rows(one);
+        forces_->add(one.doubles("C", std::size_t(requested.m) * m_), requested);
       }
     }
     std::vector<int> others;
@@ -154,7 +154,7 @@ class TorqueParts final : public SolveCall {
 
  private:
   template <class Plan>
-  Asked rows(const Plan& p) const {
+  AccelerationRows rows(const Plan& p) const {
     const std::size_t m = p.part("lower").size();
     return {static_cast<int>(m),          p.doubles("A", m * n_), p.doubles("demand_lower", m),
             p.doubles("demand_upper", m), p.doubles("lower", m),  p.doubles("upper", m)};

@@ -67,8 +67,8 @@ class SparseElimination final : public Elimination {
   }
 
   int rows() const override { return rows_; }
-  void towards(const double* asked, double* motion) override {
-    prescribe(asked);
+  void towards(const double* requested, double* motion) override {
+    prescribe(requested);
     std::fill(motion, motion + nv_, 0.0);
     each_row([&](int i, const double* q) {
       for (int k = 0; k < m_; ++k) motion[i] += q[k] * y_[k];
@@ -161,14 +161,14 @@ class SparseElimination final : public Elimination {
       if (moving_[i]) visit(i, q), q += m_;
   }
 
-  // Compute y with T^T y = asked (m): the prescribed motion along Q, for dependent constraints in least squares.
-  void prescribe(const double* asked) {
+  // Compute y with T^T y = requested (m): the prescribed motion along Q, for dependent constraints in least squares.
+  void prescribe(const double* requested) {
     if (!given_.empty()) {
-      for (std::size_t k = 0; k < given_.size(); ++k) work_[k] = asked[given_[k]];
+      for (std::size_t k = 0; k < given_.size(); ++k) work_[k] = requested[given_[k]];
       return rows_in_common_.towards(work_.data(), y_.data());
     }
     for (int k = 0; k < m_; ++k) {
-      double left = asked[in_[k]];
+      double left = requested[in_[k]];
       for (int c = 0; c < k; ++c) left -= R(c)[k] * y_[c];
       y_[k] = left / R(k)[k];
     }
@@ -251,12 +251,12 @@ class SparseElimination final : public Elimination {
     for (int k = 0; k < m_; ++k) {
       double below = 0.0;
       for (int i = k + 1; i < count_; ++i) below += R(i)[k] * R(i)[k];
-      const double head = R(k)[k], norm = std::copysign(std::sqrt(head * head + below), head);
+      const double leading = R(k)[k], norm = std::copysign(std::sqrt(leading * leading + below), leading);
       least = std::min(least, std::abs(norm));
       largest = std::max(largest, std::abs(norm));
       if (!(std::abs(norm) > 0.0)) return false;
-      taus_[k] = (head + norm) / norm;
-      for (int i = k + 1; i < count_; ++i) R(i)[k] /= head + norm;
+      taus_[k] = (leading + norm) / norm;
+      for (int i = k + 1; i < count_; ++i) R(i)[k] /= leading + norm;
       R(k)[k] = -norm;
       turn(R(k) + k + 1, k, m_ - k - 1);
     }
