@@ -29,6 +29,17 @@ def missing() -> tuple[str, ...]:
     return tuple(text for name, text in PARTS.items() if importlib.util.find_spec(f"hqp.{name}") is None)
 
 
+def outdated() -> str:
+    """Name of a C++ source of an editable checkout that is newer than the compiled parts, ``""`` without one."""
+    found = importlib.util.find_spec("hqp._session")
+    folder = Path(__file__).absolute().parent
+    if found is None or found.origin is None or Path(found.origin).parent == folder:
+        return ""  # not compiled, or installed with its sources
+    built = Path(found.origin).stat().st_mtime
+    newer = (path for path in sorted((folder / "cpp").rglob("*.[ch]pp")) if path.stat().st_mtime > built)
+    return next((path.relative_to(folder.parent).as_posix() for path in newer), "")
+
+
 def instruction_set() -> str:
     """Instruction set of the solver's kernel on this machine, ``""`` without one."""
     if "solver" in missing():

@@ -66,8 +66,11 @@ def findings(contributor: bool = False) -> list[Finding]:
         Finding("hqp", hqp.__version__),
         Finding("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
     ]
-    gone = native.missing()
-    found.append(Finding("compiled parts", native.describe(), native.ADVICE if gone else "", bool(gone)))
+    gone, newer = native.missing(), native.outdated()
+    parts, advice = native.describe(), native.ADVICE if gone else ""
+    if newer and not gone:
+        parts, advice = f"{parts}, older than {newer}", "compile again: pip install --editable ., or make setup"
+    found.append(Finding("compiled parts", parts, advice, bool(gone or newer)))
     threads = blas_threads()
     if threads is None:
         found.append(Finding("BLAS threads", "unknown", "set OMP_NUM_THREADS=1 before Python starts"))

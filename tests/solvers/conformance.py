@@ -68,7 +68,7 @@ def check(solver: Solver, problem: Hierarchy) -> Solution | None:
     if solution.status.solved:
         assert verdict.ok, f"{solution.status.name}, but {verdict}"
     else:
-        assert solution.detail, f"{solution.status.name} without a word why"
+        assert solution.detail, f"a solution with {solution.status.name} needs a detail"
     check_violation(problem, solution)
     return solution
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shutil
@@ -167,6 +168,23 @@ def test_doctor_counts_blas_threads_and_says_how_to_mend() -> None:
     if (os.cpu_count() or 1) > 1:
         assert slow.returncode == 1
         assert "OMP_NUM_THREADS=1" in slow.stdout
+
+
+def test_doctor_names_a_source_that_is_newer_than_the_compiled_parts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    source, built = tmp_path / "checkout" / "hqp" / "cpp" / "rows" / "laws.hpp", tmp_path / "site" / "_session.so"
+    for path in (source, built):
+        path.parent.mkdir(parents=True)
+        path.touch()
+    monkeypatch.setattr(native, "__file__", str(tmp_path / "checkout" / "hqp" / "native.py"))
+    spec = importlib.util.spec_from_file_location("hqp._session", built)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: spec if name == "hqp._session" else None)
+    os.utime(built, (1000.0, 1000.0))
+    os.utime(source, (2000.0, 2000.0))
+    assert native.outdated() == "hqp/cpp/rows/laws.hpp"
+    os.utime(built, (3000.0, 3000.0))
+    assert not native.outdated()
 
 
 def test_doctor_names_a_missing_package_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
