@@ -111,11 +111,12 @@ def stepped(robot: Any, judge: Judge, formulation: Any) -> None:
             scale = max(1.0, np.abs(h).max(), np.abs(M @ acceleration).max())
             assert np.abs(force).max() < 1e-5 * scale, (np.abs(force).max(), scale)
         q, v = next_q, next_v
-    off = [c.error(robot.state(q), c.hold(robot.state(q)).value) for c in robot.couplings]
+    state = robot.state(q)
+    off = [c.error(state, c.hold(state).value) for c in robot.couplings]
     assert max((float(np.abs(e).max()) for e in off), default=0.0) < 1e-3
     if any("no position of" in note for note in robot.notes):
         return  # limits and couplings of the file conflict
-    angles = robot.state(q).angles[robot.actuated]
+    angles = state.angles[robot.actuated]
     assert (angles >= low - 1e-6).all()
     assert (angles <= high + 1e-6).all()
 
