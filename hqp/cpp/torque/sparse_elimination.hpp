@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -37,6 +38,7 @@ class SparseElimination final : public Elimination {
         y_(rows),
         taus_(rows),
         work_(rows),
+        whole_(n_),
         block_(static_cast<std::size_t>(nv_ + ld_) * ld_ + kPad) {
     rows_in_common_.reserve(nv_, rows_), given_.reserve(rows_), in_.reserve(rows_);
     dependent_.reserve(static_cast<std::size_t>(std::max(nv_, n_ + 1)) * rows_);
@@ -77,6 +79,8 @@ class SparseElimination final : public Elimination {
   }
 
  private:
+  static constexpr double kRoundings = 4.0;  // of an entry of Y - Q Q^T Y, for each row of Q
+
   // A: its upper triangle, column-major. False unless positive definite.
   bool factor(const double* A) {
     for (int i = 0; i < nv_; ++i)
@@ -211,9 +215,13 @@ class SparseElimination final : public Elimination {
   }
 
   // With Y as columns() writes it: top (m, n + 1) = Q^T Y - [0, y], Y - Q top in the place of Y, and phi (n, n), the
-  // products of its first n columns.
+  // products of its first n columns.  A torque that the constraints bear whole leaves rounding errors: its column is
+  // zero, for the errors have no scale if nothing else moves.
   void project(const double* Q, double* top, double* Y, double* phi) {
     const int w = n_ + 1;
+    std::fill(whole_.begin(), whole_.end(), 0.0);
+    for (int i = 0; i < nv_; ++i)
+      for (int k = 0; k < n_; ++k) whole_[k] += Y[i * w + k] * Y[i * w + k];
     std::fill(top, top + rows_ * w, 0.0);
     for (int k = 0; k < m_; ++k) top[in_[k] * w + n_] = -y_[k];
     for (int k = 0; k < m_; ++k) add_rows(top + in_[k] * w, Y, w, nv_, 1.0, Q + in_[k], rows_, w);
@@ -222,6 +230,12 @@ class SparseElimination final : public Elimination {
     double *rows = aligned(block_.data()), *products = rows + nv_ * ld_;
     for (int i = 0; i < nv_; ++i) std::copy(Y + i * w, Y + i * w + n_, rows + i * ld_);
     gram(products, ld_, rows, ld_, nv_, lanes(n_));
+    const double error = kRoundings * (nv_ + m_) * std::numeric_limits<double>::epsilon();  // relative to Y
+    for (int k = 0; k < n_; ++k) {
+      if (!m_ || products[k * ld_ + k] > error * error * whole_[k]) continue;
+      for (int i = 0; i < nv_; ++i) Y[i * w + k] = 0.0;
+      for (int c = 0; c < n_; ++c) products[std::min(k, c) * ld_ + std::max(k, c)] = 0.0;
+    }
     for (int k = 0; k < n_; ++k)
       for (int c = k; c < n_; ++c) phi[k * n_ + c] = phi[c * n_ + k] = products[k * ld_ + c];
   }
@@ -286,10 +300,10 @@ class SparseElimination final : public Elimination {
   std::vector<int> actuated_, in_;          // in_: the constraints that are not out
   int nv_, n_, rows_, m_, ld_, count_ = 0;  // count_: number of coordinates that move a constraint
   std::vector<double> H_;
-  std::vector<std::vector<int>> way_;        // coordinates from the world to each, itself the last
-  std::vector<std::pair<int, int>> ranges_;  // ranges of the actuated joints in a coordinate's subtree
-  std::vector<char> moving_;                 // flags of coordinates that move a constraint
-  std::vector<double> R_, Q_, y_, taus_, work_;
+  std::vector<std::vector<int>> way_;                    // coordinates from the world to each, itself the last
+  std::vector<std::pair<int, int>> ranges_;              // ranges of the actuated joints in a coordinate's subtree
+  std::vector<char> moving_;                             // flags of coordinates that move a constraint
+  std::vector<double> R_, Q_, y_, taus_, work_, whole_;  // whole_ (n): squares of Y's columns before the projection
   DependentRows rows_in_common_;
   std::vector<int> given_;         // for dependent constraints, those that are not out
   std::vector<double> dependent_;  // (nv, m), then (m, n + 1)
