@@ -23,8 +23,8 @@ class JointCoupling(Task, Constraint):
     """A linear relation sum c_j q_j = offset of joints: e = c q - offset, J = c, one row.
 
     coefficients: by joint name, given as a mapping and kept as pairs; {"hip": 1.0, "thorax": -1.0} bends two joints
-    alike (Sentis 2012, eqs. 7, 8).  offset [rad or m]: held regardless of the first state; the error is fed back, so
-    nothing drifts.
+    alike (Sentis 2012, eqs. 7, 8); {"spring": 1.0} holds a joint without a motor.  offset [rad or m]: independent of
+    the first state; the error is fed back, so nothing drifts.
 
     The angle of a continuous joint is measured up to whole turns, and a turn of one joint may be half a turn of
     another.  In the first state the turns are those with the least error, the fewest of equal ones, up to ten of a

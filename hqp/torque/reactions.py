@@ -144,7 +144,8 @@ def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapp
         "subject_to",
         f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; given {names}"
         f"; no motor and no constraint determines {loose}",
-        allowed="rank [J_constr; U] = nv: add contacts, a JointCoupling or a closure of these joints, or motors",
+        allowed="rank [J_constr; U] = nv: add contacts, a closure or a JointCoupling of these joints, or motors; "
+        "a JointCoupling of a single joint holds it at its offset",
     )
 
 

@@ -152,3 +152,23 @@ def test_turns_are_the_fewest_with_the_least_error() -> None:
         assert abs(abs(2 * np.pi * float(sizes @ (found - turns)) + rest) - abs(rest)) < 1e-6
         assert np.abs(found).sum() <= np.abs(turns).sum()
     np.testing.assert_array_equal(nearest_turns(0.3, np.array([1.0, -0.5])), 0.0)
+
+
+def test_a_coupling_of_one_joint_holds_a_joint_without_a_motor(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="arm" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0"/>'
+        '<body pos="0.5 0 0"><joint name="spring" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0.1"/>'
+        "</body></body></worldbody>"
+        '<actuator><motor joint="arm"/></actuator></mujoco>',
+        encoding="utf-8",
+    )
+    robot, lead = hqp.robots.load(path), Posture(joints=["arm"], law=PD(64.0, 16.0))
+    with pytest.raises(hqp.errors.DeclarationError, match="a JointCoupling of a single joint holds it at its offset"):
+        hqp.Controller(Stack(Level(lead)), hqp.Torque()).session(robot, DT)
+    stack = Stack(Level(lead), subject_to=[JointCoupling({"spring": 1.0}, offset=0.3)])
+    session = hqp.Controller(stack, hqp.Torque(), deadline=np.inf).session(robot, DT)
+    q, v = robot.configuration([0.0, 0.3]), np.zeros(2)
+    for _ in range(200):
+        q, v = session.step(robot.state(q, v), lead.at([0.5])).advance()
+    np.testing.assert_allclose(robot.state(q).angles, [0.5, 0.3], atol=1e-3)
