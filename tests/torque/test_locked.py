@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,19 +39,16 @@ def chain(joints: int, seed: int, folder: Path) -> Robot:
     return hqp.robots.load(path)
 
 
-@pytest.mark.parametrize("price", [None, 0.0], ids=["priced", "exact"])
+@pytest.mark.parametrize("price", [hqp.Controller.price, 0.0], ids=["priced", "exact"])
 @pytest.mark.parametrize("joints", [1, 3, 6, 8])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_locked_chain_is_sent_no_more_than_it_weighs(
-    joints: int, seed: int, price: float | None, tmp_path: Path
-) -> None:
+def test_a_locked_chain_is_sent_no_more_than_it_weighs(joints: int, seed: int, price: Any, tmp_path: Path) -> None:
     robot = chain(joints, seed, tmp_path)
     weight = 9.81 * joints  # of links of 1 kg, with levers of at most 0.8 m each
     for held in {f"b{joints // 2}", "tip"}:
         point, posture = Position(frame=held, law=LAW, name="point"), Posture(law=LAW)
         stack = Stack(Level(point), Level(posture), subject_to=[FixedContact(frame=held)])
-        exact = {} if price is None else {"price": price}
-        session = hqp.Controller(stack, hqp.Torque(), deadline=np.inf, **exact).session(robot, 0.002, stuck=False)
+        session = hqp.Controller(stack, hqp.Torque(), deadline=np.inf, price=price).session(robot, 0.002, stuck=False)
         q, v = robot.home, np.zeros(robot.nv)
         state = robot.state(q)
         targets = point.at(point.value(state) + 0.05), posture.at(posture.value(state) + 0.1)
