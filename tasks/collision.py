@@ -17,7 +17,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 
 from . import collision_world
-from .collision_motion import STEP, Motions
+from .collision_motion import FORESIGHT, STEP, Motions, moving
 from .collision_rows import Near
 from .collision_scene import scene
 from .fields import check_number
@@ -30,14 +30,17 @@ HELD = 0.5
 class CollisionAvoidance(Inequality):
     """Distances d of pairs of shapes kept at a clearance: with h = d - clearance, each row is J v >= -a(h),
 
-        a(h) = rate h / (1 - (d / influence)^4)  outside,    a(h) = -b(h)  inside,
+        a^2 / 2 = integral of D from 0 to h,    D(h) = rate^2 h + (braking - rate^2 L) (h / L)^3, braking beyond L,
+        L = min(influence - clearance, braking / rate^2)    outside,    a(h) = -b(h)  inside,
 
-    J v = n. (v_b - v_a) at the nearest points, n from a to b.  Inside, a pair alone comes out at b = min(rate |h|,
+    J v = n. (v_b - v_a) at the nearest points, n from a to b.  On a(h) a pair slows down by D, at most ``braking``, and
+    near the clearance at the rate: a = rate h.  Inside, a pair alone comes out at b = min(rate |h|,
     recovery).  Several may exclude each other: among those with a common body or shape the deepest, at H, comes out so,
     at b(H), and the others at b(h) = b(H) - rate (h - H) / 2, not above rate |h| nor below -rate |h|.  For
-    accelerations, J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide: poles at twice
-    the rate (capsules side by side slide from end to end at once: this counts with a bound).  A row is free beyond the
-    influence and comes in without a jump.  d is between the robot's capsules (``robot.capsules``, of moving links) and
+    accelerations, J a >= -4 rate (a(h) + J v) - a'(h) J v - dJ/dt v with the rate at which the nearest points slide:
+    poles at twice the rate (capsules side by side slide from end to end at once: this counts with a bound).  Pairs have
+    a row within the influence, and beyond it if they close at more than a(h) / 3, so that rows of fast links come in
+    without a jump.  d is between the robot's capsules (``robot.capsules``, of moving links) and
     those of its other links, or the shapes of ``world``, such as a fixed base.
 
     ``at`` moves shapes of the world: with w the rate of the distance by that, each row is J v >= -a(h) - w.
@@ -45,10 +48,12 @@ class CollisionAvoidance(Inequality):
     pairs: ``"auto"``, all links that may touch by accident (``may_touch``), without those that the SRDF of the robot's
     URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
     another SRDF; ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
-    clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: largest d with a row, above the
-    clearance.  rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
+    clearance [m]: for two links at most 0.8 of their distance at home; capsules that overlap there may overlap
+    by 1 mm more.  influence [m]: largest d at which a slow pair
+    has a row, above the clearance.  rate [1/s].  braking [m/s^2]: deceleration of a distance that links can provide.
+    recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
     in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while
-    it is near, and those with the least distance less clearance have one); by default 64 more than at home.
+    it is near, and those with the least h less braking distance have one); by default 64 more than at home.
     Capsules side by side have rows for their ends as well, which fade out from 10 to 20 degrees.  In ``subject_to``
     rows stand below contacts and joint limits, so that a pair that cannot be kept apart does not cost the feet; in
     a level they are kept if its priority allows.  Raises DeclarationError for fields and for pairs that name
@@ -62,6 +67,7 @@ class CollisionAvoidance(Inequality):
     clearance: float = 0.01
     influence: float = 0.1
     rate: float = 5.0
+    braking: float = 10.0
     recovery: float = 0.1
     acceleration: float | None = None
     slots: int = 0
@@ -78,7 +84,7 @@ class CollisionAvoidance(Inequality):
         names = [s.name for s in self.world]
         if len(set(names)) < len(names):
             raise self.invalid("world", names, "shapes with distinct names")
-        for what in ("clearance", "rate", "recovery"):
+        for what in ("clearance", "rate", "braking", "recovery"):
             check_number(self, what, getattr(self, what), 0.0, strict=what != "clearance")
         check_number(self, "influence", self.influence, self.clearance, strict=True)
         if self.acceleration is not None and self.acceleration != math.inf:
@@ -108,7 +114,7 @@ class CollisionAvoidance(Inequality):
     def remark(self, robot: Robot) -> str:
         """The pairs whose capsules overlap at home, with their depth."""
         pairs = ", ".join(scene(self, robot).overlapping)
-        return pairs and f"{self.name}: capsules of {robot.name} overlap at home, not kept apart: {pairs}"
+        return pairs and f"{self.name}: capsules of {robot.name} overlap at home, kept as far apart as there: {pairs}"
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The pairs that have the rows now, such as "left_elbow - torso"; "free" for a slot without one."""
@@ -172,14 +178,32 @@ class CollisionAvoidance(Inequality):
         """The acceleration with which a way out sets in [m/s^2]."""
         return self.rate * self.recovery if self.acceleration is None else self.acceleration
 
-    def approach(self, found: Near, speed: float, dt: float) -> float:
+    def least_rate(self, found: Near, speed: float, dt: float) -> float:
         """-a(h) of one pair: the least rate of its distance [m/s], which changes at ``speed`` now."""
         h = found.distance - found.clearance
         if h < 0.0:
             most = speed + dt * self.outset + min(1.0, 5.0 * dt * self.rate) * max(-speed, 0.0)
             return min(self._back(found)[0], most) - self._loose(found)
-        share = max(found.distance, 0.0) / self.influence
-        return -self.rate * h / (1.0 - share**4) - self._loose(found) if share < 1.0 else -math.inf
+        return -self.closing(h)[0] - self._loose(found)
+
+    def closing(self, h: float) -> tuple[float, float]:
+        """a(h) [m/s] and its slope [1/s], for h >= 0."""
+        L, curvature = self.curve()
+        within = min(h, L)
+        root = math.sqrt(self.rate**2 + curvature * within**2)
+        if h < L:
+            return h * root, (self.rate**2 + 2.0 * curvature * h * h) / root
+        speed = math.sqrt((L * root) ** 2 + 2.0 * self.braking * (h - L))
+        return speed, self.braking / speed
+
+    def curve(self) -> tuple[float, float]:
+        """L [m] and (braking - rate^2 L) / (2 L^3) [1/(m s)^2], so that a(h)^2 = h^2 (rate^2 + this h^2) up to L."""
+        L = min(self.influence - self.clearance, self.braking / self.rate**2)
+        return L, (self.braking - self.rate**2 * L) / (2.0 * L**3)
+
+    def counts(self, distance: float, clearance: float, speed: float) -> bool:
+        """Return true if a pair has a row whose distance changes at this speed [m/s]."""
+        return distance < self.influence or FORESIGHT * -speed > self.closing(max(distance - clearance, 0.0))[0]
 
     def _back(self, found: Near) -> tuple[float, float]:
         """The speed [m/s] with which one pair comes out, and that of the deepest pair it shares something with."""
@@ -191,18 +215,15 @@ class CollisionAvoidance(Inequality):
         """Offset of the bound of a fading row below that of a full row [m/s]."""
         return self.rate * self.influence * (1.0 / found.fade - 1.0)
 
-    def braking(self, found: Near, speed: float) -> float:
+    def least_acceleration(self, found: Near, speed: float) -> float:
         """The least acceleration of one pair's distance [m/s^2], before the drift."""
         h, fast = found.distance - found.clearance, 4.0 * self.rate
         if h < 0.0:
             back, deepest = self._back(found)
             least = fast * (back - speed) - self.rate * (speed - (deepest if deepest >= self.recovery else 0.0))
             return min(least, self.outset + 5.0 * self.rate * max(-speed, 0.0)) - fast * self._loose(found)
-        power = (max(found.distance, 0.0) / self.influence) ** 8
-        if not power < 1.0:
-            return -math.inf
-        way = h + self.influence * power / (1.0 - power)
-        return -(fast + self.rate) * speed - fast * (self.rate * way + self._loose(found))
+        most, slope = self.closing(h)
+        return -slope * speed - fast * (most + speed + self._loose(found))
 
     def bounds(self, state: State, value: Mat | None = None) -> tuple[Vec, float]:
         """(clearance - d, inf): remaining decrease of each distance ``(m,)`` [m], -inf in a free slot."""
@@ -212,13 +233,15 @@ class CollisionAvoidance(Inequality):
     def step_bounds(self, state: State, dt: float, order: int, value: Mat | None = None) -> tuple[Vec, Vec]:
         """(lower, upper) ``(m,)`` of J x; upper is infinite."""
         near, carried = self.near(state, value), self.carried(state, value)
-        v = state.v if order == 2 or state.commanded is None else state.commanded
+        v = moving(state)
         speeds = self.jacobian(state, value) @ v + carried
         if order == 1:
-            least = [-math.inf if n is None else self.approach(n, u, dt) for n, u in zip(near, speeds, strict=True)]
+            least = [-math.inf if n is None else self.least_rate(n, u, dt) for n, u in zip(near, speeds, strict=True)]
             lower = np.array(least) - carried
         else:
-            least = [-math.inf if n is None else self.braking(n, u) for n, u in zip(near, speeds, strict=True)]
+            least = [
+                -math.inf if n is None else self.least_acceleration(n, u) for n, u in zip(near, speeds, strict=True)
+            ]
             motions = self._motions(state, value)
             drift = [0.0 if n is None else motions.counted(n, self.outset) for n in near]
             lower = np.array(least) - np.array(drift)
@@ -230,5 +253,5 @@ class CollisionAvoidance(Inequality):
             return None
         own = scene(self, robot)
         shape = (len(self.world), 6, 4) if self.world else ()
-        rates = self.rate, self.recovery, self.outset
-        return plans.Collision(*own.tables(), own.slots, self.influence, *rates, STEP, shape)
+        rates = self.rate, self.braking, self.recovery, self.outset
+        return plans.Collision(*own.tables(), own.slots, self.influence, *self.curve(), *rates, FORESIGHT, STEP, shape)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from hqp.arrays import Mat, Vec, cross
 from hqp.declare.robot import State
 
 from .collision_rows import Near
-from .collision_scene import Scene
+
+if TYPE_CHECKING:
+    from .collision_scene import Scene
 
 STEP = 1e-5
 """Time by which bodies are moved to find how the rate of a distance changes [s]."""
 JUMP, TURN = 0.01, 0.9
 """A nearest point that moves farther in that time [m], or normals of a smaller product, have jumped."""
+FORESIGHT = 3.0
+"""A pair beyond the influence has a row if it closes at more than its largest speed over this."""
 SLIDE = 2.0
 """Times the acceleration with which a way out sets in: the most that sliding along capsules side by side adds."""
 
@@ -27,9 +33,10 @@ class Motions:
     def __init__(self, state: State, own: Scene, poses: Mat) -> None:
         robot, bodies = state.robot, state.robot.bodies
         self._own, self._poses = own, poses
+        v = moving(state)
         velocity, rate = np.zeros((2, len(bodies), 6))
         for i, (parent, first, count, *_) in enumerate(bodies[1:], start=1):
-            moved = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
+            moved = robot.joint_twists[:, first : first + count] @ v[first : first + count]
             velocity[i] = V = velocity[parent] + moved
             turn = np.concatenate((cross(V[3:], moved[:3]) + cross(V[:3], moved[3:]), cross(V[3:], moved[3:])))
             rate[i] = rate[parent] + turn
@@ -38,9 +45,19 @@ class Motions:
         self._velocity = [velocity[b] for b in places]
         self._rate = [rate[b] for b in places]
         for pose in poses:
-            origin, v, omega = pose[:3, 3], pose[4, :3], pose[5, :3]
-            self._velocity.append(np.concatenate((v - cross(omega, origin), omega)))
-            self._rate.append(np.concatenate((-cross(omega, v), still)))
+            origin, u, omega = pose[:3, 3], pose[4, :3], pose[5, :3]
+            self._velocity.append(np.concatenate((u - cross(omega, origin), omega)))
+            self._rate.append(np.concatenate((-cross(omega, u), still)))
+
+    def speed(self, row: int, normal: Vec, point: Vec) -> float:
+        """Rate of the distance of a row with this normal and nearest point [m/s]."""
+        one, two = self._own.pair(row)
+        return float(normal @ _at(self._velocity[two] - self._velocity[one], point))
+
+    def fastest(self, k: int, centre: Vec, size: float) -> float:
+        """Largest speed of the points of a link's capsule with this centre and half length [m/s]."""
+        V = self._velocity[k]
+        return float(np.linalg.norm(_at(V, centre)) + size * np.linalg.norm(V[3:]))
 
     def carried(self, found: Near) -> float:
         """Rate of a pair's distance by the motion of the world [m/s]."""
@@ -103,6 +120,11 @@ class Motions:
             pose[:3, 3] += h * pose[4, :3]
             pose[:3, :3] += h * cross(pose[5, :3], pose[:3, :3].T).T
         return poses
+
+
+def moving(state: State) -> Vec:
+    """Velocity that bounds stand around: sent last at velocity level, measured at others ``(nv,)``."""
+    return state.v if state.commanded is None else state.commanded
 
 
 def _at(twist: Vec, p: Vec) -> Vec:

@@ -29,7 +29,7 @@ class Near(NamedTuple):
 
 
 def assign(slots: NDArray[np.int32], near: dict[int, float]) -> None:
-    """Give slots to rows that are near; near: distance less clearance of each [m].
+    """Give slots to rows that are near; near: distance less clearance and braking distance of each [m].
 
     A row keeps its slot while it is near; others get free slots, then those of rows with a larger margin.
     """

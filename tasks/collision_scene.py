@@ -16,9 +16,10 @@ from hqp.declare.robot import Robot, State
 from hqp.shapes import Shape
 
 from . import distances
+from .collision_motion import FORESIGHT, Motions
 from .collision_pairs import SHORT, candidates
 from .collision_rows import Near, assign
-from .touching import KEPT
+from .touching import kept
 
 if TYPE_CHECKING:
     from .collision import CollisionAvoidance
@@ -79,23 +80,24 @@ class Scene:
             clearance = element.clearance
             if two < self.links:
                 d = self.measure(k, declared, self._ends(one, home), self._ends(two, home))[0]
+                clearance = kept(clearance, d)
                 if d <= 0.0:
                     overlapping.append((d, f"{self.name(one)} - {self.name(two)} ({-1e3 * d:.1f} mm)"))
-                    continue
-                clearance = min(clearance, KEPT * d)
+                    if clearance <= -self.capsules[one].radius - self.capsules[two].radius:
+                        continue  # axes that cross at home come no nearer
             found.append((one, two))
             clearances.append(clearance)
         if not found:
             allowed = "names of links or shapes that may collide; all pairs of these overlap at home"
             raise element.invalid("pairs", element.pairs, allowed)
         self.overlapping = [text for _, text in sorted(overlapping)]
-        """Pairs whose capsules overlap at home and by how far, the deepest first: nothing keeps them apart."""
+        """Pairs whose capsules overlap at home and by how far, the deepest first."""
         self.pairs, self.clearance = found, np.array(clearances)
         most = len(found) + 4 * sum(self._sided(*pair) for pair in found)
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}
         self._sizes = np.array([0.5 * math.dist(c.a, c.b) + c.radius for c in self.capsules])
         self._pairs = np.array(found)
-        at_home = self._near([self._ends(k, home) for k in range(self.links)], declared)
+        at_home = self._near([self._ends(k, home) for k in range(self.links)], declared, None)
         self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST + len(at_home), most), -1, dtype=np.int32)
 
     def body(self, k: int) -> int:
@@ -177,28 +179,38 @@ class Scene:
     def update(self, state: State, poses: Mat) -> list[Near | None]:
         """Measure pairs that may be near, assign slots, and return the content of each slot."""
         state.kinematics()
-        near = self._near([self.ends(k) for k in range(self.links)], poses)
-        assign(self.slots, {row: n.distance - n.clearance for row, n in near.items()})
+        motions = Motions(state, self, poses)
+        near = self._near([self.ends(k) for k in range(self.links)], poses, motions)
+        assign(self.slots, {row: self._left(n, motions) for row, n in near.items()})
         deepest = self._deepest(near.values())
         rows = [near[p] if p >= 0 else None for p in self.slots.tolist()]
         return [n and n._replace(deepest=min(deepest[self._owner(k)] for k in self.pair(n.pair))) for n in rows]
 
-    def _near(self, ends: list[tuple[Vec, Vec]], poses: Mat) -> dict[int, Near]:
-        """Rows within the influence: pairs and ends of capsules side by side."""
+    def _near(self, ends: list[tuple[Vec, Vec]], poses: Mat, motions: Motions | None) -> dict[int, Near]:
+        """Rows within the influence or closing fast: pairs and ends of capsules side by side; motions: None at rest."""
         near: dict[int, Near] = {}
-        for pair in self._candidates_near(ends, poses):
+        for pair in self._candidates_near(ends, poses, motions):
             i, j = self.pairs[pair]
             both = ends[i], ends[j] if j < self.links else None
+            clearance = float(self.clearance[pair])
             found = self.measure(pair, poses, *both)
-            if not found[0] < self._element.influence:
+            if not self._counts(pair, found, clearance, motions):
                 continue
-            clearance, fade = float(self.clearance[pair]), self.fade(pair, poses, *both)
+            fade = self.fade(pair, poses, *both)
             near[pair] = Near(pair, found[0], clearance, *found[1:], beside=fade)
             for row in range(pair + len(self.pairs), 5 * len(self.pairs) if fade else 0, len(self.pairs)):
                 found = self.measure(row, poses, *both)
-                if found[0] < self._element.influence:
+                if self._counts(row, found, clearance, motions):
                     near[row] = Near(row, found[0], clearance, *found[1:], fade)
         return near
+
+    def _counts(self, row: int, found: distances.Found, clearance: float, motions: Motions | None) -> bool:
+        return self._element.counts(found[0], clearance, motions.speed(row, *found[1:]) if motions else 0.0)
+
+    def _left(self, near: Near, motions: Motions) -> float:
+        """Distance less clearance and braking distance [m]."""
+        closing = max(-motions.speed(near.pair, near.normal, near.point), 0.0)
+        return near.distance - near.clearance - 0.5 * closing * closing / self._element.braking
 
     def _owner(self, k: int) -> int:
         """Carrier of a shape: its body, itself in the world."""
@@ -212,14 +224,19 @@ class Scene:
                 found[self._owner(k)] = min(found[self._owner(k)], n.distance - n.clearance)
         return found
 
-    def _candidates_near(self, ends: list[tuple[Vec, Vec]], poses: Mat) -> list[int]:
-        """Pairs whose bounding spheres are nearer than the influence; all those with the world."""
+    def _candidates_near(self, ends: list[tuple[Vec, Vec]], poses: Mat, motions: Motions | None) -> list[int]:
+        """Pairs whose bounding spheres are nearer than the influence or move fast; all those with the world."""
         centres = np.array([0.5 * (a + b) for a, b in ends]).reshape(-1, 3)
         links = np.flatnonzero(self._pairs[:, 1] < self.links)
         i, j = self._pairs[links].T
-        apart = np.linalg.norm(centres[i] - centres[j], axis=1) - self._sizes[i] - self._sizes[j]
+        near = (
+            np.linalg.norm(centres[i] - centres[j], axis=1) - self._sizes[i] - self._sizes[j] < self._element.influence
+        )
+        if motions is not None:
+            fastest = np.array([motions.fastest(k, *of) for k, of in enumerate(zip(centres, self._sizes, strict=True))])
+            near |= FORESIGHT * (fastest[i] + fastest[j]) > self._element.closing(self._element.curve()[0])[0]
         world = np.flatnonzero(self._pairs[:, 1] >= self.links)
-        return sorted([*links[apart < self._element.influence].tolist(), *world.tolist()])
+        return sorted([*links[near].tolist(), *world.tolist()])
 
     def tables(self) -> Tables:
         """Capsules, shapes of the world, pairs and clearances, as the native operation takes them."""

@@ -58,7 +58,8 @@ class JointLimits(Inequality):
 
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
-    joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.  acceleration [rad/s^2
+    joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.  speed [rad/s or m/s]:
+    v_max, at most that of the robot, which 0 or None leave as it is.  acceleration [rad/s^2
     or m/s^2]: a.  The default of 50 is lowered for each joint to the value that the robot's data allow: effort limit /
     inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.  braking [rad/s^2 or m/s^2]:
     b, at most a (a joint brakes inside its window).  0 or None switches either off: without both f(d) = d / dt.
@@ -68,6 +69,7 @@ class JointLimits(Inequality):
 
     joints: str | Sequence[str] | None = None
     margin: float = 0.0
+    speed: float | None = None
     acceleration: float | None = ACCELERATION
     braking: float | None = BRAKING
     approach: float | None = APPROACH
@@ -78,7 +80,7 @@ class JointLimits(Inequality):
         set_names(self, "joints")
         check_number(self, "margin", self.margin, 0.0)
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
-        for name in ("acceleration", "braking", "approach"):
+        for name in ("speed", "acceleration", "braking", "approach"):
             value = getattr(self, name)
             object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot express None
             check_number(self, name, getattr(self, name), 0.0)
@@ -100,6 +102,10 @@ class JointLimits(Inequality):
             with np.errstate(over="ignore"):  # a joint that carries next to nothing
                 a = np.minimum(a, robot.effort_limit[picked] / home_inertia(robot)[picked])
         return a, np.minimum(a, self.braking or math.inf)
+
+    def speeds(self, robot: Robot) -> Vec:
+        """v_max: speed limit of each joint, ``(k,)`` [rad/s or m/s]."""
+        return np.minimum(robot.velocity_limit[self.selection(robot)], self.speed or math.inf)
 
     def _positions(self, robot: Robot) -> tuple[Vec, Vec]:
         """Position limits within the margin, ``(k,)``; raises DeclarationError where it leaves no room."""
@@ -127,7 +133,7 @@ class JointLimits(Inequality):
     def bounds_around(self, state: State, v: Vec, dt: float, order: int) -> tuple[Vec, Vec]:
         """The box at a velocity v ``(nv,)``: bounds ``(k,)`` each."""
         picked, back = self.selection(state.robot), self.return_velocity
-        speed, v = state.robot.velocity_limit[picked], v[picked]
+        speed, v = self.speeds(state.robot), v[picked]
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
         T = horizon(b, self.approach, dt)
         highest, lowest = fastest(up, speed, b, back, T), -fastest(-down, speed, b, back, T)
@@ -143,7 +149,7 @@ class JointLimits(Inequality):
     def bound_kinds(self, state: State, v: Vec, dt: float) -> tuple[tuple[str, str], ...]:
         """For each joint (lower, upper): ``acceleration`` at an end of the window, ``speed``, ``""`` for position."""
         picked = self.selection(state.robot)
-        v, speed = v[picked], state.robot.velocity_limit[picked]
+        v, speed = v[picked], self.speeds(state.robot)
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
         T = horizon(b, self.approach, dt)
         sides = []
@@ -174,7 +180,7 @@ class JointLimits(Inequality):
         joints = plans.Joints.of(robot, picked)
         if joints is None:
             return None
-        bounds = (*self._positions(robot), robot.velocity_limit[picked], *self.rates(robot))
+        bounds = (*self._positions(robot), self.speeds(robot), *self.rates(robot))
         low, high, speed, a, b = (tuple(x.tolist()) for x in bounds)
         return plans.JointBox(joints, low, high, speed, a, b, self.approach or math.inf, self.return_velocity)
 

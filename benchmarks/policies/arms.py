@@ -36,6 +36,8 @@ BELOW = 15
 """Joints of the policy: legs and waist."""
 LOAD = np.array([0.08, 0.0, 0.0])
 """Place of a load in the axes of a hand [m]."""
+SPEED = 5.0
+"""Largest speed of the arms' joints that hqp plans [rad/s]."""
 CLAMPED = 6.0
 """Speed of joint targets in the clamp [rad/s]."""
 MARK, END = "<!-- tables: python -m benchmarks arms --page docs/upper-body.md -->", "<!-- end -->"
@@ -182,7 +184,7 @@ class UpperBody:
     def __init__(self, robot: Any, policy: Policy, masses: Any, reach: float) -> None:
         names = robot.joint_names
         declared = hqp.UpperBody(
-            legs=names[:BELOW], hands=HANDS, reach=reach, kp=policy.kp[BELOW:], kd=policy.kd[BELOW:], output="positions"
+            legs=names[:BELOW], hands=HANDS, reach=reach, joint_speed=SPEED, kp=policy.kp[BELOW:], kd=policy.kd[BELOW:]
         )
         self._robot, self._arms = robot, declared.session(robot, DT, deadline=math.inf)
         self._loads = [e.at(m, LOAD) for e, m in zip(self._arms.loads, masses, strict=True)]

@@ -196,7 +196,8 @@ class Constant:
 @dataclass(frozen=True, eq=False)
 class Collision:
     """Capsules of links (body, ends in its axes, radius), shapes of the world (kind 0 capsule, 1 box, 2 half-space, and
-    size), their names, the columns that move each body, pairs of shapes with clearances, and live slots.
+    size), their names, the columns that move each body, pairs of shapes with clearances, and live slots.  soft,
+    curvature: see ``CollisionAvoidance.curve``.
 
     reference ``(n, 6, 4)``: a shape's pose ``(4, 4)``, velocity and angular velocity, three numbers and a zero each.
     """
@@ -209,9 +210,13 @@ class Collision:
     clearances: tuple[float, ...]
     slots: NDArray[np.int32]
     influence: float
+    soft: float
+    curvature: float
     rate: float
+    braking: float
     recovery: float
     outset: float
+    foresight: float
     step: float
     shape: tuple[int, ...]
 

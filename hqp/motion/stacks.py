@@ -32,6 +32,9 @@ POSTURE = 1.0
 RECOVERY = 0.5
 """Largest speed out of the floor and out of a collision [m/s]."""
 
+BRAKING = 1000.0
+"""Deceleration of distances [m/s^2]: a person's motion has no motors."""
+
 INFLUENCE = 0.05
 """Distance below which links slow down towards each other and towards the floor [m]."""
 
@@ -114,7 +117,13 @@ class Stacks:
             for name, given in avoided.items():
                 found.append(
                     CollisionAvoidance(
-                        name=name, clearance=0.0, influence=INFLUENCE, rate=rate, recovery=RECOVERY, **given
+                        name=name,
+                        clearance=0.0,
+                        influence=INFLUENCE,
+                        rate=rate,
+                        braking=BRAKING,
+                        recovery=RECOVERY,
+                        **given,
                     )
                 )
         return found

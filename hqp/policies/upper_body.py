@@ -59,7 +59,8 @@ class UpperBody:
     clearance, influence [m]: distances of the arms' links from all others.  output: "velocities" are commands of
     ``Velocity``, integrated from the first measured posture, for velocity and position servos; "torques" are commands
     of ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose
-    torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
+    torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].  joint_speed: largest of the
+    joints [rad/s], at most their limits.
     Payloads: ``step`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 
@@ -72,6 +73,7 @@ class UpperBody:
     clearance: float = 0.02
     influence: float = 0.12
     speed: float = 1.5
+    joint_speed: float | None = None
     output: Output = "positions"
     kp: Gains | None = None
     kd: Gains | None = None
@@ -134,7 +136,7 @@ class UpperBody:
         levels.append(Level(Posture(joints=joints, law=slow, name="posture"), name="posture"))
         subject_to: list[Element] = [
             PrescribedMotion(joints=self.legs, name="legs"),
-            JointLimits(joints=joints),
+            JointLimits(joints=joints, speed=self.joint_speed),
             *((TorqueLimits(),) if torque else ()),
             *self._apart(robot, joints),
             *(Payload(frame=f, name=f"load {k}") for k, f in enumerate(frames)),

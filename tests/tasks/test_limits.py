@@ -285,3 +285,24 @@ def test_torque_limits() -> None:
         TorqueLimits(joints="torso_hipp").rows(robot)
     with pytest.raises(DeclarationError, match="do not overlap"):
         TorqueLimits(joints=["arm", "arm_j0"]).rows(robot)
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=lambda f: type(f).__name__)
+def test_a_declared_speed_holds_in_closed_loop(formulation: Formulation) -> None:
+    """Joints driven from range to range reach the declared speed and pass neither it nor that of the robot."""
+    robot, dt, order = hqp.robots.load("ur5"), 0.005, 1 if isinstance(formulation, hqp.Velocity) else 2
+    limits, law = JointLimits(speed=1.2), P(20.0) if order == 1 else PD(400.0, 40.0)
+    limits_of = np.minimum(robot.velocity_limit, 1.2)
+    np.testing.assert_array_equal(limits.speeds(robot), limits_of)
+    np.testing.assert_array_equal(JointLimits(speed=1e3).speeds(robot), robot.velocity_limit)
+    posture = Posture(law=law)
+    session = hqp.Controller(Stack(Level(posture), subject_to=[limits]), formulation, deadline=math.inf).session(
+        robot, dt, stuck=False
+    )
+    q, v, fastest = robot.home.copy(), np.zeros(robot.nv), 0.0
+    for k in range(300):
+        goal = robot.home + (1.5 if (k // 150) % 2 == 0 else -1.5)
+        q, v = session.step(robot.state(q, v), posture.at(goal)).advance()
+        assert (np.abs(v) <= limits_of + 1e-6).all()
+        fastest = max(fastest, float(np.abs(v).max()))
+    assert fastest > 1.15

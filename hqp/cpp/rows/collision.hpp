@@ -31,7 +31,7 @@ struct CollisionScene {
   std::vector<double> clearances;
   std::int32_t* slots;  // (m,) live: number of the pair or end in each row, -1 for none
   int rows;
-  double influence, rate, recovery, outset, step, dt;
+  double influence, soft, curvature, rate, braking, recovery, outset, foresight, step, dt;
   int order;
 };
 
@@ -46,8 +46,10 @@ class Collision final : public Operation {
         ends_(s_.links.size()),
         centres_(s_.links.size()),
         sizes_(s_.links.size()),
+        speeds_(s_.links.size()),
         count_(static_cast<int>(s_.pairs.size())),
         near_(5 * s_.pairs.size(), kFar),
+        left_(5 * s_.pairs.size(), kFar),
         found_(5 * s_.pairs.size()),
         fade_(5 * s_.pairs.size(), 1.0),
         beside_(s_.pairs.size(), 0.0),
@@ -108,32 +110,42 @@ class Collision final : public Operation {
       const Mat3 R = load_rotation(b.rotation);
       ends_[k] = {p + R * link.local.a, p + R * link.local.b};
       centres_[k] = 0.5 * (ends_[k].a + ends_[k].b);
+      const Motion& V = tree_.motion(link.body);
+      const Vec3 there = V.at(centres_[k]);
+      speeds_[k] = std::sqrt(dot(there, there)) + sizes_[k] * std::sqrt(dot(V.angular, V.angular));
     }
   }
 
   void look() {
     close_.clear();
+    const double slow = closing(s_.soft).speed;
     for (std::size_t n = 0; n < s_.pairs.size(); ++n) {
       const auto [i, j] = s_.pairs[n];
       if (is_link(j)) {
         const Vec3 w = centres_[i] - centres_[j];
-        const double reach = s_.influence + sizes_[i] + sizes_[j];
-        if (!(dot(w, w) < reach * reach)) continue;
+        const double size = sizes_[i] + sizes_[j], reach = s_.influence + size;
+        if (!(dot(w, w) < reach * reach)) {
+          const double most = s_.foresight * (speeds_[i] + speeds_[j]);
+          if (!(most > slow && most > closing(std::sqrt(dot(w, w)) - size - s_.clearances[n]).speed)) continue;
+        }
       }
       const Distance found = measure(static_cast<int>(n), ends_[i], is_link(j) ? ends_[j] : Segment{});
-      if (!(found.value < s_.influence)) continue;
-      take(static_cast<int>(n), found);
+      if (!take(static_cast<int>(n), found)) continue;
       if (is_link(j) || s_.world[j - s_.links.size()].kind == Solid::kCapsule) look_at_ends(static_cast<int>(n));
     }
   }
 
-  void take(int row, const Distance& found) {
+  // Take a row within the influence, or one that closes fast.
+  bool take(int row, const Distance& found) {
+    const double h = found.value - s_.clearances[row % count_], closed = std::max(-rate(row, found, 0.0), 0.0);
+    if (!(found.value < s_.influence) && !(s_.foresight * closed > closing(h).speed)) return false;
     near_[row] = found.value;
+    left_[row] = h - 0.5 * closed * closed / s_.braking;
     found_[row] = found;
     close_.push_back(row);
-    const double h = found.value - s_.clearances[row % count_];
     if (h < 0.0)
       for (const int k : pair_of(row)) deepest_[owner(k)] = std::min(deepest_[owner(k)], h);
+    return true;
   }
 
   void look_at_ends(int n) {
@@ -148,10 +160,7 @@ class Collision final : public Operation {
     beside_[n] = fade;
     for (int k = 1; k <= 4; ++k) {
       const int row = n + k * count_;
-      const Distance found = measure(row, one, two);
-      if (!(found.value < s_.influence)) continue;
-      take(row, found);
-      fade_[row] = fade;
+      if (take(row, measure(row, one, two))) fade_[row] = fade;
     }
   }
 
@@ -184,10 +193,7 @@ class Collision final : public Operation {
     return Measure::capsule(one, radius, two, shape.size[0]);
   }
 
-  // Distance less clearance of a row that is near.
-  double margin(int row) const { return near_[row] - s_.clearances[row % count_]; }
-
-  // A pair keeps its slot while it is near; others get free slots, then those of pairs with a larger margin.
+  // A pair keeps its slot while it is near; others get free slots, then those of pairs with more way left.
   void assign() {
     for (int k = 0; k < s_.rows; ++k)
       if (s_.slots[k] >= 0 && near_[s_.slots[k]] == kFar) s_.slots[k] = -1;
@@ -200,8 +206,8 @@ class Collision final : public Operation {
       }
       int widest = 0;
       for (int k = 1; k < s_.rows; ++k)
-        if (margin(s_.slots[k]) > margin(s_.slots[widest])) widest = k;
-      if (margin(s_.slots[widest]) > margin(row)) s_.slots[widest] = row;
+        if (left_[s_.slots[k]] > left_[s_.slots[widest]]) widest = k;
+      if (left_[s_.slots[widest]] > left_[row]) s_.slots[widest] = row;
     }
   }
 
@@ -251,24 +257,32 @@ class Collision final : public Operation {
     return {std::min(-s_.rate * h, std::max(s_.rate * h, most - kHeld * s_.rate * (h - deepest))), most};
   }
 
+  struct Speed {
+    double speed, slope;
+  };
+  // Largest speed at which a pair closes a way h >= 0 outside its clearance, and its slope: see CollisionAvoidance.
+  Speed closing(double h) const {
+    const double L = s_.soft, within = std::min(h, L), r2 = s_.rate * s_.rate;
+    const double root = std::sqrt(r2 + s_.curvature * within * within);
+    if (h < L) return {h * root, (r2 + 2.0 * s_.curvature * h * h) / root};
+    const double speed = std::sqrt(L * root * L * root + 2.0 * s_.braking * (h - L));
+    return {speed, s_.braking / speed};
+  }
+
   double approach(int row, double clearance) const {  // least rate of the distance
-    const double distance = found_[row].value, h = distance - clearance;
-    if (h < 0.0) return back(row, h)[0];
-    const double share = std::max(distance, 0.0) / s_.influence, square = share * share;
-    return share < 1.0 ? -s_.rate * h / (1.0 - square * square) : -kFar;
+    const double h = found_[row].value - clearance;
+    return h < 0.0 ? back(row, h)[0] : -closing(h).speed;
   }
 
   double braking(int row, double clearance, double speed) const {  // least acceleration of the distance
-    const double distance = found_[row].value, h = distance - clearance, fast = 4.0 * s_.rate;
+    const double h = found_[row].value - clearance, fast = 4.0 * s_.rate;
     if (h < 0.0) {
       const auto [wanted, most] = back(row, h);
       const double least = fast * (wanted - speed) - s_.rate * (speed - (most >= s_.recovery ? most : 0.0));
       return std::min(least, s_.outset + 5.0 * s_.rate * std::max(-speed, 0.0));
     }
-    double power = std::max(distance, 0.0) / s_.influence;
-    for (int k = 0; k < 3; ++k) power *= power;
-    if (!(power < 1.0)) return -kFar;
-    return -(fast + s_.rate) * speed - fast * s_.rate * (h + s_.influence * power / (1.0 - power));
+    const Speed most = closing(h);
+    return -most.slope * speed - fast * (most.speed + speed);
   }
 
   // Change of the rate at zero acceleration, with bodies moved by their velocities for a moment either way. If the
@@ -323,9 +337,11 @@ class Collision final : public Operation {
   CollisionScene s_;
   std::vector<Segment> ends_;
   std::vector<Vec3> centres_;
-  std::vector<double> sizes_;
-  int count_;                 // number of pairs
-  std::vector<double> near_;  // distance for each row, infinite beyond the influence
+  std::vector<double> sizes_;   // half lengths with radius
+  std::vector<double> speeds_;  // largest speed of a link's capsule
+  int count_;                   // number of pairs
+  std::vector<double> near_;    // distance for each row, infinite for rows that are not taken
+  std::vector<double> left_;    // distance less clearance and braking distance
   std::vector<Distance> found_;
   std::vector<double> fade_;        // share of rows of ends, 1 for others
   std::vector<double> beside_;      // share of a pair's rows of ends, 0 for none

@@ -252,13 +252,17 @@ class Operations {
         throw std::invalid_argument("a row is of no pair");
     if (found.rows == 0 && !found.pairs.empty()) throw std::invalid_argument("pairs have no row");
     found.influence = p.number("influence");
+    found.soft = p.number("soft");
+    found.curvature = p.number("curvature");
     found.rate = p.number("rate");
+    found.braking = p.number("braking");
+    found.foresight = p.number("foresight");
     found.recovery = p.number("recovery");
     found.outset = p.number("outset");
     found.step = p.number("step");
     found.dt = dt_;
     found.order = order_;
-    if (order_ == 2) tree_.need_motions();
+    tree_.need_motions();
     return found;
   }
 
