@@ -22,6 +22,8 @@ MOST = 1.0 / 3.0
 shapes touch in less than this share of those that it excludes."""
 KEPT = 0.8
 """Share of their distance at home that two links keep at most."""
+SLACK = 1e-3
+"""Depth by which capsules that overlap at home may overlap more [m]: noise at home moves nothing."""
 REMEMBERED = 64
 """Robots whose pairs are remembered: copies of a robot share them."""
 
@@ -36,14 +38,15 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
 
     - its links are one body, or one carries the other: the range of their joint is the limit,
     - the shapes of its links touch at home,
-    - the shapes touch in none of 100 configurations with capsules nearer than the clearance, or
+    - the shapes touch in none of 100 configurations with capsules nearer than the clearance,
     - the clearance excludes more than a third of the configurations with shapes apart, and the shapes touch in less
-      than a third of those that it excludes.
+      than a third of those that it excludes, or
+    - its capsules overlap at home, and the shapes touch in less than half of the configurations that its clearance
+      (``kept``) excludes.
 
     Configurations are drawn within the joint ranges; pairs that come near in fewer than 100 of 2000 count, unless their
-    capsules overlap at home, so that no row can keep them apart.  Shapes are
-    those that capsules are fitted to; other capsules are the shapes themselves.  clearance [m]: at most 0.8 of the
-    distance at home (allowed collisions by drawn configurations: Coleman et al. 2014, MoveIt).
+    capsules overlap at home.  Shapes are those that capsules are fitted to; other capsules are the shapes themselves.
+    clearance [m]: see ``kept`` (allowed collisions by drawn configurations: Coleman et al. 2014, MoveIt).
     """
     parents = [body[0] for body in robot.bodies]
     body = [c.body for c in capsules]
@@ -60,6 +63,11 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
             del _FOUND[next(iter(_FOUND))]
         _FOUND[key] = _judged(robot, capsules, apart, clearance, places)
     return _FOUND[key]
+
+
+def kept(clearance: float, home: float) -> float:
+    """Clearance of two links that are ``home`` apart at home, below 0 for capsules that overlap there [m]."""
+    return min(clearance, KEPT * home if home > 0.0 else home - SLACK)
 
 
 def _drawn(robot: Robot, bodies: list[int]) -> dict[int, tuple[Mat, Mat]]:
@@ -101,9 +109,9 @@ def _judged(
     for i, j in pairs:
         shaped = capsules[i].fitted and capsules[j].fitted
         home = float(gap(i, j, np.zeros(1, dtype=np.intp))[0])
-        if shaped and touch(i, j, 0):
+        if touch(i, j, 0) if shaped else home <= 0.0:
             continue
-        least = min(clearance, KEPT * max(home, 0.0))
+        least = kept(clearance, home)
         off = np.linalg.norm(middle[i] - middle[j], axis=1) - size[i] - size[j]
         draws = np.flatnonzero(off < least)
         distance = gap(i, j, draws)
@@ -112,9 +120,11 @@ def _judged(
         if len(tried) < EVIDENCE and home > 0.0:
             found.append((i, j))
             continue
-        touching = float(np.mean([touch(i, j, n) for n in tried] if shaped else distance[:EVIDENCE] <= 0.0))
+        touching = (
+            float(np.mean([touch(i, j, n) for n in tried] if shaped else distance[:EVIDENCE] <= 0.0)) if tried else 0.0
+        )
         near = len(draws) / (DRAWS + 1)
         needless = near * (1.0 - touching) > MOST * (1.0 - near * touching)
-        if touching > 0.0 and (touching >= MOST or not needless):
+        if touching > 0.5 or (home > 0.0 and touching > 0.0 and (touching >= MOST or not needless)):
             found.append((i, j))
     return found

@@ -1,4 +1,4 @@
-"""A warning names pairs of capsules that overlap at home: no row separates them."""
+"""Pairs of capsules that overlap at home: a warning names them, and a row keeps them as far apart as there."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ import re
 import warnings
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import hqp
 from hqp import Level, P, Stack
+from hqp.collision_library import convex_hull, solid
 from hqp.errors import ModelWarning
+from hqp.robots.capsules import surfaces
 from hqp.shapes import LinkCapsule
-from hqp.tasks import CollisionAvoidance, Posture
+from hqp.tasks import CollisionAvoidance, JointLimits, Posture, PrescribedMotion
 
 
 def rails(rng: Any) -> tuple[Any, list[tuple[str, str, float]]]:
@@ -50,3 +53,39 @@ def test_pairs_that_overlap_at_home_are_named(seed: int) -> None:
         assert depths == sorted(depths, reverse=True)
     assert [n.detail for n in session.step(robot.state()).notes if n.element == "collision"] == texts
     assert not [n for n in session.step(robot.state()).notes if n.element == "collision"]
+
+
+def test_capsules_that_overlap_at_home_keep_shapes_apart() -> None:
+    """G1's upper arm is sent to drawn postures inside the trunk; judge the hulls of the shapes by coal."""
+    robot = hqp.robots.load("g1")
+    links = ("torso_link", "left_shoulder_yaw_link")
+    joints = robot.joints(tuple(f"left_shoulder_{axis}_joint" for axis in ("pitch", "roll", "yaw")))
+    body = [robot.body(robot.frame(link)) for link in links]
+    found, data = surfaces(robot), robot.model.createData()
+    hulls = [solid(convex_hull(found[b].triangles.reshape(-1, 3))) for b in body]
+
+    def distance(q: Any) -> float:
+        pin.forwardKinematics(robot.model, data, q)
+        places = [coal.Transform3s(data.oMi[b].rotation, data.oMi[b].translation) for b in body]
+        ask = coal.DistanceRequest(), coal.DistanceResult()
+        return float(coal.distance(hulls[0], places[0], hulls[1], places[1], *ask))
+
+    posture, deepest = Posture(law=P(3.0)), {}
+    for rows in (True, False):
+        subject_to = [JointLimits(), *([CollisionAvoidance(pairs=(links,))] if rows else [])]
+        stack = Stack(Level(posture, price=0), subject_to=[PrescribedMotion(name="base"), *subject_to])
+        rng, least = np.random.default_rng(0), []
+        for _ in range(12):
+            angles = robot.state(robot.home).angles.copy()
+            while distance(robot.configuration(angles)) > -0.01:
+                angles[joints] = rng.uniform(robot.lower[joints], robot.upper[joints])
+            q, v = robot.home.copy(), np.zeros(robot.nv)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                session = hqp.Controller(stack, deadline=np.inf).session(robot, 0.02, stuck=False)
+            for _ in range(100):
+                q, v = session.step(robot.state(q, v), posture.at(angles[robot.actuated])).advance()
+                least.append(distance(q))
+        deepest[rows] = -min(least)
+    assert deepest[False] > 0.04
+    assert deepest[True] < 0.006
