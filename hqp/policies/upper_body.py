@@ -59,8 +59,8 @@ class UpperBody:
     clearance, influence [m]: distances of the arms' links from all others.  output: "velocities" are commands of
     ``Velocity``, integrated from the first measured posture, for velocity and position servos; "torques" are commands
     of ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose
-    torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].  joint_speed: largest of the
-    joints [rad/s], at most their limits.
+    torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
+    joint_speed: largest of the joints [rad/s], at most their limits.
     Payloads: ``step`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 

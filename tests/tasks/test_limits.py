@@ -287,7 +287,7 @@ def test_torque_limits() -> None:
         TorqueLimits(joints=["arm", "arm_j0"]).rows(robot)
 
 
-@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=lambda f: type(f).__name__)
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()])
 def test_a_declared_speed_holds_in_closed_loop(formulation: Formulation) -> None:
     """Joints driven from range to range reach the declared speed and pass neither it nor that of the robot."""
     robot, dt, order = hqp.robots.load("ur5"), 0.005, 1 if isinstance(formulation, hqp.Velocity) else 2
