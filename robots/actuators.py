@@ -48,23 +48,34 @@ class Servo:
         return cls(kp=kp, other=table["other"], damping_time=table["damping_time"])
 
 
-def fit(spec: Any, actuation: Actuation, servo: Servo | None, wanted: Sequence[str] | None = None) -> tuple[str, ...]:
+def fit(
+    spec: Any,
+    actuation: Actuation,
+    servo: Servo | None,
+    wanted: Sequence[str] | None = None,
+    tendons: Mapping[str, tuple[Mapping[str, float], float]] | None = None,
+) -> tuple[str, ...]:
     """Make every actuator of a MjSpec a motor or a servo; names of the driven joints, in actuator order.
 
     wanted: the joints to be driven; by default those of the file's actuators, or all hinges and slides where it has
-    none.  One actuator a joint is kept, those of tendons, sites and bodies go.  Limits are kept: the actuator's force
-    range, a plain motor's control range, or the joint's force range.  ``native`` leaves everything as the file has it.
-    Raises JointNotFound for a wanted joint that the file lacks, DeclarationError for servos without gains.
+    none.  tendons: coefficients of the joints that a motor pulls and its largest torque, by its joint.  One actuator
+    a joint is kept, those of other tendons, sites and bodies go.  Limits are kept: the actuator's force range, a plain
+    motor's control range, or the joint's force range.  ``native`` leaves everything as the file has it.  Raises
+    JointNotFound for a wanted joint that the file lacks, DeclarationError for servos without gains or on tendons.
     """
     joints = {joint.name: joint for joint in spec.joints}
     if actuation == "native":
         return tuple(a.target if a.trntype == mujoco.mjtTrn.mjTRN_JOINT else a.name for a in spec.actuators)
     driven: list[str] = []
+    tendons = tendons or {}
+    if tendons and actuation == "position":
+        names = ", ".join(tendons)
+        raise DeclarationError("plant", f"no servo for motors of tendons: {names}", allowed="actuation='torque'")
     for actuator in list(spec.actuators):
         on_joint = actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT
         on_wheel = actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and bool(actuator.refsite)
         name = actuator.target if on_joint else actuator.name
-        known = wanted is None or name in wanted
+        known = (wanted is None or name in wanted) and name not in tendons
         if name in driven or not known or not (on_wheel or (on_joint and joints[name].type in _SINGLE)):
             spec.delete(actuator)
         else:
@@ -75,11 +86,24 @@ def fit(spec: Any, actuation: Actuation, servo: Servo | None, wanted: Sequence[s
     for name in missing:
         if name not in joints or joints[name].type not in _SINGLE:
             raise JointNotFound(name, driven or joints, "the MuJoCo model, among its motors,")
-        spec.add_actuator(name=f"{name}_motor", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if name in tendons:
+            _pull(spec, name, *tendons[name])
+        else:
+            spec.add_actuator(name=f"{name}_motor", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         driven.append(name)
     for actuator, name in zip(spec.actuators, driven, strict=True):
         _make(actuator, name, joints.get(name), actuation, servo)
     return tuple(driven)
+
+
+def _pull(spec: Any, name: str, coefficients: Mapping[str, float], most: float) -> None:
+    """Add a motor that pulls joints by a fixed tendon, with its largest torque [N m or N]."""
+    tendon = spec.add_tendon(name=f"{name}_tendon")
+    for joint, factor in coefficients.items():
+        tendon.wrap_joint(joint, factor)
+    motor = spec.add_actuator(name=f"{name}_motor", target=tendon.name, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    if most < math.inf:
+        motor.forcerange, motor.forcelimited = (-most, most), mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, servo: Servo | None) -> None:

@@ -43,7 +43,8 @@ class Description:
     reading.  simulated: the MjModel behind an MJCF.  carriers: for each of its bodies the joint that moves it and its
     placement there.  roots: its bodies that carry the robot and hang on the world.  scene: its moving bodies that are
     not the robot, obstacles.
-    actuated: joints with a motor, None for all of one axis.  home ``(nq,)`` and named configurations.  couplings:
+    actuated: joints with a motor, None for all of one axis.  tendons: for motors that pull several joints their
+    coefficients, 1 at the motor's own joint.  home ``(nq,)`` and named configurations.  couplings:
     (coefficients by joint, offset), sum c_j q_j = offset.  closures: of loops.  cones: by joint of three axes the
     largest turn from its zero [rad].  disabled_pairs: links that an SRDF disables.  notes: parts of the file that the
     model lacks.  warnings: probable mistakes in the file.
@@ -58,6 +59,7 @@ class Description:
     scene: frozenset[int] = frozenset()
     obstacles: Obstacles = field(default_factory=Obstacles)
     actuated: tuple[str, ...] | None = None
+    tendons: dict[str, dict[str, float]] = field(default_factory=dict)
     home: Vec | None = None
     configurations: dict[str, Vec] = field(default_factory=dict)
     couplings: list[tuple[dict[str, float], float]] = field(default_factory=list)

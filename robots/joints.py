@@ -158,8 +158,11 @@ def matrix(view: Mat) -> Mat:
     return view if view.ndim == 2 else view.reshape(-1, 1, order="F")
 
 
-def actuation(columns: Index, nv: int) -> Mat:
-    """U ``(n_actuated, nv)``, one 1 a row."""
+def actuation(columns: Index, nv: int, tendons: Mapping[int, Mapping[int, float]]) -> Mat:
+    """U ``(n_actuated, nv)``: a 1 at each motor's joint; tendons: coefficients of further joints, by motor's joint."""
     U = np.zeros((columns.size, nv))
     U[np.arange(columns.size), columns] = 1.0
+    for k, column in enumerate(columns.tolist()):
+        for other, factor in tendons.get(column, {}).items():
+            U[k, other] = factor
     return U

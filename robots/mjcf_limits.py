@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Vec, rank
 from hqp.errors import ModelError
 
 from . import coupled, mjcf_equalities, xml_lines
@@ -117,7 +117,7 @@ def driven(simulated: Any) -> list[int]:
 
 
 def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> None:
-    """Actuated joints: joints of joint actuators, leaders of fixed tendons; without either all joints of one axis."""
+    """Actuated joints: joints of joint actuators, a joint of each fixed tendon; without either all of one axis."""
     names = joint_names(simulated)
     moved = [j for j in driven(simulated) if int(simulated.jnt_bodyid[j]) in own]
     single = {j for j in range(simulated.njnt) if int(simulated.jnt_type[j]) in (_SLIDE, _HINGE)}
@@ -129,9 +129,9 @@ def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> Non
     if several := [names[j] for j in moved if np.sum(simulated.actuator_trnid[on_joint, 0] == j) > 1]:
         found.notes.append(f"joints with several actuators have one motor, of their smallest limit: {_some(several)}")
     for a in np.flatnonzero(simulated.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)).tolist():
-        leader = _tendon_motor(simulated, found, own, a, motors)
-        motors += [leader] if leader else []
-        used += bool(leader)
+        joint = _tendon_motor(simulated, found, own, a, motors)
+        motors += [joint] if joint else []
+        used += bool(joint)
     found.actuated = tuple(motors) if motors else None
     if simulated.nu > used:
         instead = "" if motors else ", and all joints of one axis have a motor instead"
@@ -139,9 +139,11 @@ def _read_motors(simulated: Any, found: Description, own: frozenset[int]) -> Non
 
 
 def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actuator: int, motors: Sequence[str]) -> str:
-    """The joint on which the motor of a fixed tendon acts, with its effort limit; "" if no single joint leads it.
+    """The joint that names the motor of a fixed tendon, with the motor's effort limit; "" if it adds no motor.
 
-    The tendon's force f is the force g f of the joint q that leads all joints of it, with length = g q + constant.
+    With length = sum g_i q_i + constant in joints q_i that follow no others, a tendon's force f is the force g_i f on
+    each of them. The motor's joint is the first one without a motor of its own: its torque g_1 f is the command, and
+    g_i / g_1 are the coefficients of the others.
     """
     tendon, names = int(simulated.actuator_trnid[actuator, 0]), joint_names(simulated)
     title = simulated.actuator(actuator).name or simulated.tendon(tendon).name or str(actuator)
@@ -151,25 +153,30 @@ def _tendon_motor(simulated: Any, found: Description, own: frozenset[int], actua
         return ""
     terms = {names[j]: c for j, c in known[tendon][0].items() if int(simulated.jnt_bodyid[j]) in own}
     leading = coupled.leaders(found.couplings, terms)
-    if len(leading) != 1 or next(iter(leading)) in motors:
+    joint_name = next((j for j in leading if j not in motors), "")
+    rows = [found.tendons.get(motor, {motor: 1.0}) for motor in motors] + [leading]
+    if not joint_name or rank(np.array([[row.get(j, 0.0) for j in found.model.names] for row in rows])) < len(rows):
         found.warnings.append(
-            f"motor {title} moves the joints {', '.join(terms)} by a fixed tendon and is ignored: it needs one joint "
-            f"without a motor that leads them, found {', '.join(leading) or 'none'}; "
-            "add an equality of these joints to the file"
+            f"motor {title} moves the joints {', '.join(terms)} by a fixed tendon and is ignored: motors of the file "
+            f"move {', '.join(leading) or 'no joints'} alike"
         )
         return ""
-    ((leader, ratio),) = leading.items()
+    ratio = leading[joint_name]
     ends = [sorted(abs(ratio * x) for x in r) for r in _ranges(simulated, actuator) if np.any(r)]
     ends += [  # MuJoCo clips the force on each joint of the tendon
         sorted(abs(ratio / c * x) for x in r) for j, c in known[tendon][0].items() if c for r in _bounds(simulated, j)
     ]
-    joint = found.model.joints[found.model.getJointId(leader)]
+    joint = found.model.joints[found.model.getJointId(joint_name)]
     found.model.effortLimit[joint.idx_v] = min((low or high for low, high in ends), default=math.inf)
+    others = {j: c / ratio for j, c in leading.items() if j != joint_name}
+    also = "; " + ", ".join(f"{c:g} times that on {j}" for j, c in others.items()) if others else ""
     found.notes.append(
-        f"motor {title} acts by a fixed tendon on {', '.join(terms)}: its joint is {leader}, with {ratio:g} times the "
-        "force of the tendon"
+        f"motor {title} acts by a fixed tendon on {', '.join(terms)}: its joint is {joint_name}, with {ratio:g} times "
+        f"the force of the tendon{also}"
     )
-    return leader
+    if others:
+        found.tendons[joint_name] = {joint_name: 1.0, **others}
+    return joint_name
 
 
 def _bounds(simulated: Any, joint: int) -> list[Vec]:

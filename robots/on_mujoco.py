@@ -92,7 +92,7 @@ class Plant:
             raise DeclarationError("plant", "unknown actuation", value=actuation, allowed=allowed)
         spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
-        driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None))
+        driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None), _tendons(robot))
         inertia = _armature(robot, path, about) if armature is None else armature
         set_armature(spec, inertia, {**about.get("groups", {}), **getattr(robot, "groups", {})})
         if edit is not None:
@@ -288,6 +288,17 @@ def _armature(robot: Any, path: Path, about: Mapping[str, Any]) -> Mapping[str, 
     if not about:
         return rotor_inertia(robot) if file_kind.of(path) == "urdf" else {}
     return dict(about.get("plant", {}).get("armature", {}))
+
+
+def _tendons(robot: Any) -> dict[str, tuple[dict[str, float], float]]:
+    """Coefficients of the joints of motors that pull several, and their largest torques, by the motor's joint."""
+    found = {}
+    if hasattr(robot, "actuation"):
+        for name, own, row in zip(robot.joint_names, robot.actuated, robot.actuation, strict=True):
+            if np.count_nonzero(row) > 1:
+                pulled = {robot.joint_name(j): float(row[j]) for j in np.flatnonzero(row).tolist()}
+                found[name] = pulled, float(robot.effort_limit[own])
+    return found
 
 
 def _default_watched(robot: Any, about: Mapping[str, Any]) -> tuple[str, ...]:

@@ -93,6 +93,7 @@ class Robot:
         single = (n for n, (_, count) in joints.columns.items() if count == 1)
         self.joint_names: tuple[str, ...] = tuple(single if actuated is None else actuated)
         self.actuated: Index = np.array([self._column(n) for n in self.joint_names], dtype=np.intp)
+        self.actuation: Mat = actuation(self.actuated, self.nv, self._tendons())
         self.lower, self.upper, self.velocity_limit, self.effort_limit = joints.limits(model)
         self.frame_names: tuple[str, ...] = tuple(f.name for f in model.frames)
         self._frames = frame_names.frames(model)
@@ -149,16 +150,16 @@ class Robot:
         couplings = self.description.couplings if self.description else ()
         return coupled.followed(couplings, q, self._joints, lambda q: self._joints.angles(self.model, q))
 
+    def _tendons(self) -> dict[int, dict[int, float]]:
+        """Coefficients of the joints that a motor pulls, by coordinate."""
+        tendons = self.description.tendons if self.description else {}
+        return {self._column(motor): {self._column(j): c for j, c in row.items()} for motor, row in tendons.items()}
+
     def _column(self, joint: str) -> int:
         columns = self._joints.find(joint, self.groups)
         if len(columns) != 1:
             raise DeclarationError(self.name, f"joint {joint!r} has {len(columns)} axes", allowed="a joint of one axis")
         return columns[0]
-
-    @property
-    def actuation(self) -> Mat:
-        """U ``(n_actuated, nv)``: maps generalised to actuated velocities (Sentis 2012, eq. 6)."""
-        return actuation(self.actuated, self.nv)
 
     @property
     def mass(self) -> float:

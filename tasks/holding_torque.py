@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec, cross
+from hqp.arrays import Index, Mask, Mat, Vec, cross
 from hqp.declare import plans
 from hqp.declare.element import Task
 from hqp.declare.reference import Given, Reference
@@ -41,11 +41,12 @@ class HoldingTorque(Task):
         """Coordinates ``(k,)`` of the joints; raises DeclarationError, JointNotFound."""
         columns = robot.actuated[motor_positions(self, robot, self.joints)]
         single = np.array([robot.bodies[b][2] == 1 for b in carriers(robot)], dtype=bool)
+        single &= ~pulled(robot)
         fit = single[columns] & np.isfinite(robot.effort_limit[columns]) & (robot.effort_limit[columns] > 0.0)
         if self.joints is None:
             columns, fit = columns[fit], fit[fit]
         if not columns.size or not fit.all():
-            raise self.invalid("joints", self.joints, "joints of one axis whose motors have a limit")
+            raise self.invalid("joints", self.joints, "joints of one axis with a limit of their own motor")
         return columns
 
     def rows(self, robot: Robot) -> int:
@@ -102,6 +103,12 @@ class HoldingTorque(Task):
         columns = self.columns(robot)
         limits = tuple(robot.effort_limit[columns].tolist())
         return plans.HoldingTorque(tuple(columns.tolist()), limits, tuple(robot.gravity.tolist()))
+
+
+def pulled(robot: Robot) -> Mask:
+    """Coordinates ``(nv,)`` that motors pull together with others: their torques depend on each other."""
+    several = np.count_nonzero(robot.actuation, axis=1) > 1
+    return np.asarray(np.any(robot.actuation[several] != 0.0, axis=0))
 
 
 def carriers(robot: Robot) -> list[int]:

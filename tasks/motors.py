@@ -94,8 +94,9 @@ class TorqueSpeedLimits(_MotorLimits):
 
     def bounds(self, state: State) -> tuple[Vec, Vec]:
         """(lower, upper) of the torques ``(k,)`` [N m]."""
-        robot, columns = state.robot, state.robot.actuated[self.selection(state.robot)]
-        most, v = self.scale * robot.effort_limit[columns], state.v[columns]
+        robot, motors = state.robot, self.selection(state.robot)
+        columns = robot.actuated[motors]
+        most, v = self.scale * robot.effort_limit[columns], robot.actuation[motors] @ state.v
         fastest = robot.velocity_limit[columns] if self.no_load is None else np.full(columns.size, self.no_load)
         with np.errstate(invalid="ignore"):
             share = np.clip((fastest - np.abs(v)) / (fastest * (1.0 - self.corner)), 0.0, 1.0)

@@ -64,7 +64,15 @@ class Robot(Protocol):
 
     @property
     def actuated(self) -> Index:
-        """Tangent coordinate of each actuated joint, ``(n_actuated,)``: the non-zeros of the actuation U."""
+        """Tangent coordinate of each actuated joint, ``(n_actuated,)``."""
+        ...
+
+    @property
+    def actuation(self) -> Mat:
+        """U ``(n_actuated, nv)``: maps generalised to actuated velocities (Sentis 2012, eq. 6).
+
+        A motor's row has a 1 at its joint, alone or, if it pulls a tendon, with the coefficients of other joints.
+        """
         ...
 
     @property

@@ -50,7 +50,7 @@ class MomentumObserver:
             )
         self.frame, self._period = frame, period
         self._share = 1.0 - math.exp(-bandwidth * period)
-        self._actuated = robot.actuated
+        self._actuation = robot.actuation
         self._rows: Mat = np.zeros((columns.size, robot.nv))
         self._rows[range(columns.size), columns] = 1.0
         for passive, (driver, ratio) in (coupled or {}).items():
@@ -82,7 +82,7 @@ class MomentumObserver:
         if self._before is not None:
             last_A, v, sent = self._before
             acting = 0.5 * ((A + last_A) @ ((state.v - v) / self._period)) + bias + self._damping * state.v
-            acting[self._actuated] -= sent
+            acting -= self._actuation.T @ sent
             self.residual = self.residual + self._share * (acting - self.residual)
         self._before = A, state.v.copy(), np.array(torque, dtype=np.float64)
         return self.force(state)

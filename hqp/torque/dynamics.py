@@ -2,7 +2,8 @@
 
     A qdd + b + g + J^T lambda = U^T tau,      J qdd = gamma      (eq. 2; gamma = -dJ/dt qd)
 
-A ``(nv, nv)`` inertia, b + g ``(nv,)``, J ``(m, nv)`` constraints, U ``(n, nv)`` picks the actuated coordinates.
+A ``(nv, nv)`` inertia, b + g ``(nv,)``, J ``(m, nv)`` constraints, U ``(n, nv)`` the actuation: it picks the actuated
+coordinates, with further joints of the motors that pull tendons.
 Everything rests on one orthogonal factorisation, so that no inverse and no normal equation of J is ever formed:
 
     A = L L^T,   L^-1 J^T S = Q T,   L as sparse as the tree, Q orthonormal, T triangular,
@@ -24,6 +25,7 @@ from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DynamicsFailed
 from hqp.tolerances import RANK_TOLERANCE
+from hqp.torque.motor_axes import motor_parts
 
 try:
     from hqp import _torque as native
@@ -36,10 +38,10 @@ potrf, potrs, trtrs = get_lapack_funcs(("potrf", "potrs", "trtrs"), (np.zeros(1)
 class ConstrainedDynamics:
     """qdd, tau and lambda of eq. (2) as maps of each other, refilled by ``update`` in preallocated arrays.
 
-    nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
+    nv: tangent coordinates.  rows: m constraint rows.  U: actuation of n motors, of full row rank.
     parents: parents of the coordinates, see ``coordinate_parents``; A is zero between branches.  A full A without them.
     After ``update``:  map ``(nv, n + 1)`` = [X, c]: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric, to the
-    bit the rows of X that are actuated; singular where constraints take a direction from the actuators.  rank: number r
+    bit U X of motors of one joint; singular where constraints take a direction from the actuators.  rank: number r
     of independent constraints.  out: mask of the constraints ``(m,)``, writable, 1 for an absent one: it has no force
     then.  terms: A, bias, J and gamma where they are arrays that are refilled in place.  The live arrays are
     overwritten by the next update; the properties are computed anew at every access.
@@ -49,12 +51,12 @@ class ConstrainedDynamics:
         self,
         nv: int,
         rows: int,
-        actuated: Index,
+        U: Mat,
         parents: Sequence[int] | None = None,
         terms: tuple[Mat, Vec, Mat, Vec] | None = None,
     ) -> None:
-        self.nv, self.m, self.n = nv, rows, int(actuated.size)
-        self.actuated = actuated
+        self.nv, self.m, self.n = nv, rows, len(U)
+        self.U = U
         self.rank = rows
         self._terms = terms or (np.zeros((nv, nv), order="F"), np.zeros(nv), np.zeros((rows, nv)), np.zeros(rows))
         self._factor: Mat = np.zeros((nv, nv), order="F")
@@ -68,7 +70,7 @@ class ConstrainedDynamics:
         self.parts: dict[str, Any] = {
             **dict(zip(("A", "bias", "J", "gamma"), self._terms, strict=True)),
             "parents": list(range(-1, nv - 1) if parents is None else parents),
-            "actuated": actuated.tolist(),
+            **motor_parts(U),
             "tolerance": RANK_TOLERANCE,
             "factor": self._factor,
             "map": self.map,
@@ -102,6 +104,11 @@ class ConstrainedDynamics:
         self.rank = self.native.eliminate()
         if self.rank < 0:
             raise DynamicsFailed("the joint-space inertia is not positive definite")
+
+    @property
+    def columns(self) -> Index | None:
+        """The coordinate of each motor ``(n,)``, whose rows of X are those of phi; None if a motor pulls several."""
+        return None if self.parts["axes"] else np.array(self.parts["actuated"], dtype=np.intp)
 
     @property
     def reactions(self) -> object:
@@ -158,7 +165,7 @@ class ConstrainedDynamics:
     @property
     def UN(self) -> Mat:
         """U N_constr ``(n, nv)``."""
-        return self.N_constr[self.actuated]
+        return self.U @ self.N_constr
 
     @property
     def UNbar(self) -> Mat:
@@ -174,7 +181,7 @@ class ConstrainedDynamics:
 
         qdd_act = phi* (tau - h) (eq. 21).
         """
-        return symmetric_pinv(self.phi) @ -self.c[self.actuated]
+        return symmetric_pinv(self.phi) @ -(self.U @ self.c)
 
     def _solve(self, right: Mat) -> Mat:
         if self._root is None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Mat, Vec
 from hqp.declare.element import Element
 from hqp.declare.law import P
 from hqp.declare.reference import Reference
@@ -39,9 +39,9 @@ class Gravity:
 
     def torque(self, g: Vec, J: Mat) -> Vec:
         """tau_g ``(n,)`` [N m] that holds g ``(nv,)`` on the constraints J."""
-        actuated = self._robot.actuated
-        tau = np.empty(actuated.size)
-        return tau if self._dynamics.native.hold(J, g, tau) else holding_torque(J, g, actuated)
+        U = self._robot.actuation
+        tau = np.empty(len(U))
+        return tau if self._dynamics.native.hold(J, g, tau) else holding_torque(J, g, U)
 
     def other(self, state: State, g: Vec, references: Mapping[str, Reference]) -> Vec:
         """tau_g ``(n,)`` [N m] that holds g on the ground of the gravity normals."""
@@ -58,14 +58,14 @@ def _on_gravity_normal(r: Reference) -> Reference:
     return Reference(r.name, r.value, r.velocity, r.acceleration, r.gravity_normal)
 
 
-def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
+def holding_torque(J: Mat, g: Vec, U: Mat) -> Vec:
     """tau ``(n,)`` with U^T tau - J^T lambda = g: the torque at rest, UNbar^T g (Sentis 2012, eqs. 22, 57).
 
     Needs rank [J; U] full; internal forces of redundant constraints are those of least norm.
     """
-    nv, n, m = g.size, actuated.size, J.shape[0]
+    nv, n, m = g.size, len(U), J.shape[0]
     system = np.zeros((nv, n + m), order="F")
-    system[actuated, np.arange(n)] = 1.0
+    system[:, :n] = U.T
     system[:, n:] = -J.T
     right = np.zeros(max(system.shape))
     right[:nv] = g

@@ -119,8 +119,10 @@ def _across(twists: Mat, arm: Vec) -> float:
 
 
 def _shared(held: Sequence[Element], robot: Robot) -> Mask:
-    """Coordinates ``(nv,)`` on which a force of contacts or couplings acts, in some posture."""
-    found = np.zeros(robot.nv, dtype=bool)
+    """Coordinates ``(nv,)`` on which a force of contacts, couplings or tendons acts, in some posture."""
+    from hqp.tasks.holding_torque import pulled
+
+    found = pulled(robot)
     if held:
         rows = Assembly(held, (), robot, 1.0, {e.name: P(0.0) for e in held})
         rng = np.random.default_rng(0)

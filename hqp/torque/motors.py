@@ -12,6 +12,7 @@ from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.programs.assembly import Assembly
 from hqp.torque.gravity import holding_torque
+from hqp.torque.motor_axes import passive_motions
 from hqp.torque.reactions import reactions
 
 OVERLOAD = 3.0
@@ -59,6 +60,6 @@ def _holding(stack: Stack, robot: Robot) -> Vec:
         rows = Assembly(held, (), twin, 1.0, {e.name: P(0.0) for e in held})
         rows.fill(state, {e.name: e.hold(state) for e in held}, ())
         J = rows.J
-    if rank(np.delete(J, twin.actuated, axis=1)) < twin.nv - twin.actuated.size:
+    if rank(J @ passive_motions(twin.actuation)) < twin.nv - twin.actuated.size:
         return np.zeros(twin.actuated.size)
-    return holding_torque(J, state.gravity_force(), twin.actuated)
+    return holding_torque(J, state.gravity_force(), twin.actuation)

@@ -137,7 +137,7 @@ class TorqueProgram(Program):
         self._supports = Supports(held, robot, dt, laws)
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
         terms = self._terms.A, self._terms.bias, self.assembly.J[: self._m], self.assembly.lower[: self._m]
-        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot), terms)
+        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuation, coordinate_parents(robot), terms)
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
         self._ground = {
@@ -227,13 +227,14 @@ class TorqueProgram(Program):
     @property
     def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
         """Rows that pick coordinates of qdd, the motion and the metric: multiples of rows of X."""
-        dynamics = self.dynamics
-        return [*self._rows.copies, (dynamics.phi, dynamics.map, dynamics.actuated, np.ones(dynamics.n))]
+        if (columns := self.dynamics.columns) is None:
+            return self._rows.copies
+        return [*self._rows.copies, (self.dynamics.phi, self.dynamics.map, columns, np.ones(columns.size))]
 
     @property
     def symmetric(self) -> list[tuple[Mat, Index]]:
-        """The map, whose rows of actuated coordinates begin with a symmetric block."""
-        return [(self.dynamics.map, self.dynamics.actuated)]
+        """The map, whose rows of actuated coordinates begin with a symmetric block, without tendons."""
+        return [] if (columns := self.dynamics.columns) is None else [(self.dynamics.map, columns)]
 
     def _size(self, element: Element) -> int:
         if element.quantity == "motion":
@@ -402,11 +403,11 @@ class TorqueProgram(Program):
         """Motor torques that hold each load, in words."""
         if not self.loads:
             return ()
-        J, actuated = self.dynamics.J, state.robot.actuated
+        J, U = self.dynamics.J, state.robot.actuation
         twin = state.robot.copy().state(state.q, state.v)  # the robot may have moved on
         found = []
         for name, change in self.loads.change(twin).items():
-            tau = holding_torque(J, change, actuated)
+            tau = holding_torque(J, change, U)
             i = int(np.argmax(np.abs(tau)))
             joint = state.robot.joint_names[i]
             found.append(f"{name}: {self.loads.values[name].round(3).tolist()}, up to {tau[i]:.3g} N m of {joint}")

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hqp.arrays import Index, Mat
+from hqp.arrays import Mat
 from hqp.declare.element import Constraint, Element
 from hqp.declare.law import Law
 from hqp.declare.robot import Robot
@@ -17,6 +17,7 @@ from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelError
 from hqp.programs.assembly import Assembly
 from hqp.tolerances import INERTIA_TOLERANCE, RANK_TOLERANCE
+from hqp.torque.motor_axes import passive_motions
 
 
 def reactions(stack: Stack) -> tuple[Element, ...]:
@@ -51,12 +52,10 @@ class Actuation:
         )
 
 
-def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Actuation:
+def actuation(J: Mat, U: Mat, tolerance: float = RANK_TOLERANCE) -> Actuation:
     """Ranks and conditioning of J ``(m, nv)`` and [J; U]; at least as many rows as unactuated coordinates do not
     suffice."""
     m, nv = J.shape
-    U = np.zeros((actuated.size, nv))
-    U[np.arange(actuated.size), actuated] = 1.0
     own = np.linalg.svd(J, compute_uv=False) if m else np.zeros(0)
     both = np.linalg.svd(np.vstack((J, U)), compute_uv=False)
     rank = int(np.count_nonzero(own > tolerance * own.max(initial=0.0)))
@@ -77,13 +76,12 @@ class Supports:
 
     def __init__(self, held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> None:
         self._owners = [e.name for e in held for _ in range(e.rows(robot))]
-        passive = np.setdiff1d(np.arange(robot.nv), robot.actuated)
-        self._rows = [J[:, passive] for J in _around_home(held, robot, dt, laws)]
+        passive = passive_motions(robot.actuation)
+        self._rows = [J @ passive for J in _around_home(held, robot, dt, laws)]
         self._known: dict[frozenset[str], bool] = {}
 
     def determined(self, out: frozenset[str]) -> bool:
-        """Return true if rank [J_constr; U] is full without these: equivalently that of the rest in the passive
-        coordinates."""
+        """Return true if rank [J_constr; U] is full without these: equivalently that of the rest on passive motions."""
         if out not in self._known:
             kept = [i for i, name in enumerate(self._owners) if name not in out]
             self._known[out] = any(_rank(J[kept]) == J.shape[1] for J in self._rows)
@@ -135,7 +133,7 @@ def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapp
     require_inertia(twin)
     found = []
     for J in _around_home(held, twin, dt, laws):
-        found.append(actuation(J, robot.actuated))
+        found.append(actuation(J, robot.actuation))
         if found[-1].complete:
             return found[-1]
     names = ", ".join(e.name for e in held) or "no contacts or couplings"
@@ -151,8 +149,7 @@ def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapp
 
 def _undetermined(J: Mat, robot: Robot) -> list[str]:
     """Joints that move while constraints hold and motors stand, each once."""
-    U = np.eye(robot.nv)[robot.actuated]
-    _, sizes, V = np.linalg.svd(np.vstack((J, U)))
+    _, sizes, V = np.linalg.svd(np.vstack((J, robot.actuation)))
     rank = int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
     moved = np.flatnonzero(np.abs(V[rank:]).max(axis=0, initial=0.0) > RANK_TOLERANCE)
     return list(dict.fromkeys(robot.joint_name(int(i)).split("[")[0] for i in moved))

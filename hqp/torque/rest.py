@@ -29,7 +29,7 @@ class Held:
         self._twin = robot.copy()
         self._rows = Assembly(self._held, (), self._twin, dt, {e.name: laws[e.name] for e in self._held})
         m = self._rows.J.shape[0]
-        self._dynamics = ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot))
+        self._dynamics = ConstrainedDynamics(robot.nv, m, robot.actuation, coordinate_parents(robot))
         self._gravity = Gravity(self._held, self._twin, dt, self._dynamics)
 
     def __call__(self, state: State) -> tuple[Vec, Vec]:

@@ -283,12 +283,3 @@ def test_a_tendon_is_as_strong_as_its_joints_let_it_be(seed: int, tmp_path: Path
         mujoco.mj_forward(simulated, data)
         found = [data.qfrc_actuator[simulated.joint(name).dofadr[0]] for name in ("one", "two")]
         assert (np.abs(np.subtract(found, (a * force, b * force))).max() > 1e-9) == clipped
-
-
-def test_a_tendon_that_no_joint_leads_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "gripper.xml"
-    path.write_text(GRIPPER.format(kind="hinge", a=1, b=1, gear=1, equality=""))
-    with pytest.warns(ModelWarning, match=r"motor grip moves the joints one, two .* add an equality"):
-        robot = hqp.robots.load(path)
-    with pytest.raises(DeclarationError, match=r"determines one, two.*JointCoupling"):
-        hqp.Controller(Stack(Level(Posture(joints=["wrist"]))), hqp.Torque()).session(robot, 0.002)

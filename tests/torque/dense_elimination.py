@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Mat, Vec
 from hqp.tolerances import RANK_TOLERANCE
 
 potrf, potrs, trtrs, geqrf, geqp3, ormqr = get_lapack_funcs(
@@ -18,15 +18,15 @@ potrf, potrs, trtrs, geqrf, geqp3, ormqr = get_lapack_funcs(
 class DenseDynamics:
     """Dense ConstrainedDynamics: A = L' L, L^-T J^T S = Q_1 T, S the independent combinations of the constraints."""
 
-    def __init__(self, rows: int, actuated: Index) -> None:
-        self.m, self.n, self.actuated = rows, int(actuated.size), actuated
+    def __init__(self, rows: int, U: Mat) -> None:
+        self.m, self.n, self.U = rows, len(U), U
 
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
         self.A, self.J, n, m = A, J, self.n, self.m
         L, info = potrf(A, lower=0, clean=0)
         assert not info
         columns: Mat = np.zeros((A.shape[0], n + 1), order="F")
-        columns[self.actuated, np.arange(n)] = 1.0
+        columns[:, :n] = self.U.T
         columns[:, n] = -bias
         image = trtrs(L, columns, trans=1)[0]
         qr, order, tau, _, _ = geqp3(trtrs(L, np.asfortranarray(J.T), trans=1)[0]) if m else (None, None, None, 0, 0)

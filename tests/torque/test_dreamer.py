@@ -46,7 +46,7 @@ def test_at_rest_on_goal_the_torque_holds_gravity(dreamer: Robot) -> None:
     state = dreamer.state()
     tick = session.step(state)
     J = program(session).dynamics.J.copy()
-    held = holding_torque(J, dreamer.state().gravity_force(), dreamer.actuated)
+    held = holding_torque(J, dreamer.state().gravity_force(), dreamer.actuation)
     assert tick.status is hqp.Status.OPTIMAL
     assert np.abs(tick.command - held).max() < 1e-8
     forces = program(session).contact_forces(tick.command)
@@ -64,7 +64,7 @@ def test_gravity_normals_change_the_holding_torque_only(dreamer: Robot) -> None:
     session.step(dreamer.state(), *(w.at(normal=slope) for w in WHEELS))
     J_slope = program(session).assembly.J[:7].copy()
     g = dreamer.state().gravity_force()
-    expected = holding_torque(J_slope, g, dreamer.actuated) - holding_torque(J_flat, g, dreamer.actuated)
+    expected = holding_torque(J_slope, g, dreamer.actuation) - holding_torque(J_flat, g, dreamer.actuation)
     assert np.abs(expected).max() > 1.0
     assert np.abs(tilted.command - plain.command - expected).max() < 1e-8
 

@@ -51,7 +51,7 @@ def test_motion_and_forces_are_those_of_the_whole_system(humanoid: Robot, seed: 
         J = np.vstack([state.jacobian(f) for f in humanoid.landmarks["soles"]])
         gamma = -np.concatenate([state.drift(f) for f in humanoid.landmarks["soles"]])
     tau = 30.0 * rng.normal(size=humanoid.actuated.size)
-    d = ConstrainedDynamics(humanoid.nv, J.shape[0], humanoid.actuated)
+    d = ConstrainedDynamics(humanoid.nv, J.shape[0], humanoid.actuation)
     d.update(np.triu(A), bias, J, gamma)
     qdd, force = kkt(A, bias, J, gamma, humanoid.actuation.T @ tau)
     assert d.rank == 12
@@ -70,7 +70,7 @@ def test_motion_and_forces_are_those_of_the_whole_system(humanoid: Robot, seed: 
 def test_without_constraints_it_is_the_free_robot(humanoid: Robot) -> None:
     state = humanoid.state(humanoid.home, 0.1 * np.ones(humanoid.nv))
     A, bias = state.mass_matrix().copy(), state.bias_force().copy()
-    d = ConstrainedDynamics(humanoid.nv, 0, humanoid.actuated)
+    d = ConstrainedDynamics(humanoid.nv, 0, humanoid.actuation)
     d.update(A, bias, np.zeros((0, humanoid.nv)), np.zeros(0))
     tau = np.ones(humanoid.actuated.size)
     expected = np.linalg.solve(A, humanoid.actuation.T @ tau - bias)
@@ -79,17 +79,17 @@ def test_without_constraints_it_is_the_free_robot(humanoid: Robot) -> None:
 
 
 def test_an_inertia_that_is_not_positive_definite_is_an_error() -> None:
-    d = ConstrainedDynamics(3, 1, np.array([1, 2]))
+    d = ConstrainedDynamics(3, 1, np.eye(3)[1:])
     with pytest.raises(ModelError, match="not positive definite"):
         d.update(np.diag([1.0, -1.0, 1.0]), np.zeros(3), np.ones((1, 3)), np.zeros(1))
 
 
 def test_actuation_tells_ranks_and_conditioning() -> None:
-    actuated = np.array([2, 3])
-    good = actuation(np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1e-3, 0.0, 1.0]]), actuated)
+    U = np.eye(4)[2:]
+    good = actuation(np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1e-3, 0.0, 1.0]]), U)
     assert (good.rank, good.full_rank, good.complete) == (2, 4, True)
     assert 1e-4 < good.full_smallest < 1e-2
-    same = actuation(np.array([[1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 1.0]]), actuated)
+    same = actuation(np.array([[1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 1.0]]), U)
     assert (same.rank, same.full_rank, same.complete) == (2, 3, False)
     assert "rank [J_constr; U] = 3 of 4" in str(same)
 

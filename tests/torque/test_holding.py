@@ -129,5 +129,5 @@ def test_bad_input() -> None:
             Torque(holding=share)  # type: ignore[arg-type]
     robot = hqp.robots.load("talos").copy()
     robot.effort_limit = np.full(robot.nv, np.inf)
-    with pytest.raises(DeclarationError, match="motors have a limit"):
+    with pytest.raises(DeclarationError, match="limit of their own motor"):
         t.HoldingTorque().rows(robot)

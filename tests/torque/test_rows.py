@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(hqp.torque.dynamics.native is None, reason="no n
 @pytest.mark.parametrize("other", [False, True], ids=["the map's own c", "another c"])
 def test_native_rows_are_products_with_the_map(other: bool) -> None:
     nv, n, rng = 7, 5, np.random.default_rng(0)
-    dynamics = ConstrainedDynamics(nv, 0, np.arange(2, nv))
+    dynamics = ConstrainedDynamics(nv, 0, np.eye(nv)[2:])
     dynamics.map[:] = rng.normal(size=(nv, n + 1))
     J, asked, index, weight = rng.normal(size=(3, nv)), rng.normal(size=(2, 3)), np.array([4, 1]), np.array([2.0, 0.5])
     wanted, scale, v = rng.normal(size=(2, 2)), rng.uniform(0.5, 2.0, nv), rng.normal(size=nv)

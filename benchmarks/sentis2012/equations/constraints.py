@@ -20,7 +20,7 @@ STEP = 1e-6
 
 def dynamics(s: Snapshot) -> ConstrainedDynamics:
     """The library's constrained dynamics at a snapshot."""
-    found = ConstrainedDynamics(s.A.shape[0], s.J.shape[0], s.ground.robot.actuated)
+    found = ConstrainedDynamics(s.A.shape[0], s.J.shape[0], s.ground.robot.actuation)
     found.update(s.A, s.bias, s.J, -s.dJ @ s.v)
     return found
 
@@ -75,13 +75,13 @@ def _ranks(ground: Ground, count: int) -> Iterator[Check]:
     good, whole, least, axle, nearly, coupled = [], [], [], [], [], []
     hip, thorax = robot.joints(["torso_hip", "torso_thorax"])
     for s in ground.states(count, SEED):
-        found = actuation(s.J, robot.actuated)
+        found = actuation(s.J, robot.actuation)
         good.append(found.rank)
         whole.append(found.full_rank)
         least.append(found.full_smallest)
-        axle.append(actuation(_along_the_axle(s), robot.actuated))
+        axle.append(actuation(_along_the_axle(s), robot.actuation))
         parallel = {w: np.array([1.0, 1e-9 * i, 0.0]) for i, w in enumerate(WHEELS)}
-        nearly.append(actuation(s.assemble(parallel)[0], robot.actuated))
+        nearly.append(actuation(s.assemble(parallel)[0], robot.actuation))
         N = dynamics(s).N_constr
         coupled.append(largest(N[hip] - N[thorax]))
     yield exactly("S(5)", "rank J_constr", label, 7, good)
@@ -127,7 +127,7 @@ def _wheels(ground: Ground, count: int) -> Iterator[Check]:
             normals.append(largest(ground.normal @ J[:3] - rows[1]))
             printed[1 + 2 * i] = u @ (J[3:] - skew(delta) @ J[:3])
             swapped.append(abs(float(printed[1 + 2 * i] @ s.v - u @ velocity)))
-        ranks.append(actuation(printed, ground.robot.actuated).full_rank)
+        ranks.append(actuation(printed, ground.robot.actuation).full_rank)
     yield at_most("S(9),(10)", "contact point velocity vs differences", label, 1e-7, errors)
     yield seen_to_fail("S(10) erratum 2", "J_w - delta x J_v as printed vs differences", label, 1e-7, swapped)
     yield exactly("S(10) erratum 2", "as printed: rank [J_constr; U]", label, 18, ranks)
@@ -191,7 +191,7 @@ def _actuated(ground: Ground, count: int) -> Iterator[Check]:
         inertia.append(relative(np.linalg.inv(phi) - UNbar.T @ s.A @ UNbar, UNbar.T @ s.A @ UNbar))
         T = np.eye(19)
         T[:6, :6] = s.rng.normal(size=(6, 6))
-        moved = ConstrainedDynamics(19, 7, ground.robot.actuated)
+        moved = ConstrainedDynamics(19, 7, ground.robot.actuation)
         moved.update(T.T @ s.A @ T, T.T @ s.bias, s.J @ T, -s.dJ @ s.v)
         base.append(relative(moved.phi - phi, phi))
         tau = 20.0 * s.rng.normal(size=12)

@@ -9,11 +9,21 @@
 
 namespace hqp {
 
+// U (n, nv), qd_act = U qd: the coordinate of each motor, and all entries of U, those of tendons too.
+struct Motors {
+  struct Entry {
+    int motor, joint;
+    double factor;
+  };
+  std::vector<int> own;
+  std::vector<Entry> entries;
+};
+
 // qdd = X tau + c of a robot whose constraint forces are eliminated; hqp/torque/dynamics.py has the equations.
 class Elimination : public Reactions {
  public:
   // A (nv, nv): its upper triangle, column-major; bias (nv), J (m, nv), gamma (m).  Written: map (nv, n + 1) = [X, c],
-  // phi (n, n), which the rows of X that are actuated hold to the bit, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
+  // phi (n, n), to the bit U X of motors of one joint, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
   // (m, n + 1); for dependent constraints T is the identity and the forces are those of least norm.  The rank of the
   // constraints, -1 where A is not positive definite.  Constraints that are out have zeros in Q and in top, and a row
   // of the identity in T: they have no force.
@@ -76,10 +86,8 @@ class ForceRows {
 };
 
 // out: flags of the constraints, live, 1 for an absent one.
-Elimination* make_elimination_generic(std::vector<int> parents, std::vector<int> actuated, int rows,
-                                      const std::int8_t* out);
-Elimination* make_elimination_avx2(std::vector<int> parents, std::vector<int> actuated, int rows,
-                                   const std::int8_t* out);
+Elimination* make_elimination_generic(std::vector<int> parents, Motors motors, int rows, const std::int8_t* out);
+Elimination* make_elimination_avx2(std::vector<int> parents, Motors motors, int rows, const std::int8_t* out);
 TorqueRows* make_torque_rows_generic(const double* map, int nv, int n);
 TorqueRows* make_torque_rows_avx2(const double* map, int nv, int n);
 ForceRows* make_force_rows_generic(int m, int n);

@@ -34,7 +34,7 @@ class TorqueParts final : public SolveCall {
     tolerance_ = p.number("tolerance");
     out_.assign(m_, 0), held_.assign(m_ * nv_, 0.0), carried_.resize(nv_);
     const int nv = static_cast<int>(nv_), n = static_cast<int>(n_), m = static_cast<int>(m_);
-    elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, m, out_.data()));
+    elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, motors(p, actuated), m, out_.data()));
     rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map_, nv, n));
     for (const Plan& one : p.parts("products")) {
       const AccelerationRows requested = rows(one);
@@ -68,6 +68,7 @@ class TorqueParts final : public SolveCall {
     std::vector<int> others;
     for (int i = 0; i < nv; ++i)
       if (std::find(actuated.begin(), actuated.end(), i) == actuated.end()) others.push_back(i);
+    if (p.has("axes")) axes_ = p.numbers("axes", nv_ * nv_), moved_.resize((m_ + 1) * nv_);
     if (m_ >= others.size()) holding_ = std::make_unique<Holding>(actuated, others, m);
   }
   TorqueParts(const TorqueParts&) = delete;
@@ -122,7 +123,14 @@ class TorqueParts final : public SolveCall {
   std::size_t motors() const { return n_; }
   std::vector<std::int8_t>& out() { return out_; }  // flags of the constraints, 1 for an absent one
   // The torque (n) that holds g (nv) on J (m, nv), or on the constraints that are there; false if there is none.
-  bool hold(const double* J, const double* g, double* tau) { return holding_ && holding_->torque(J, g, tau); }
+  bool hold(const double* J, const double* g, double* tau) {
+    if (!holding_) return false;
+    if (axes_.empty()) return holding_->torque(J, g, tau);
+    for (std::size_t k = 0; k < m_; ++k) along(J + k * nv_, moved_.data() + k * nv_);
+    double* weight = moved_.data() + m_ * nv_;
+    along(g, weight);
+    return holding_->torque(moved_.data(), weight, tau);
+  }
   bool hold(const double* g, double* tau) {
     for (std::size_t k = 0; k < m_; ++k)
       for (std::size_t i = k * nv_; i < (k + 1) * nv_; ++i) held_[i] = out_[k] ? 0.0 : J_[i];
@@ -154,6 +162,21 @@ class TorqueParts final : public SolveCall {
 
  private:
   template <class Plan>
+  Motors motors(const Plan& p, const std::vector<int>& own) const {
+    const std::vector<int> motors = p.places("motors", n_), joints = p.places("joints", nv_);
+    const std::vector<double> factors = p.numbers("factors", motors.size());
+    need(joints.size() == motors.size(), "an entry of the actuation has a motor and a joint");
+    Motors found{own, {}};
+    for (std::size_t k = 0; k < motors.size(); ++k) found.entries.push_back({motors[k], joints[k], factors[k]});
+    return found;
+  }
+  // row (nv) of J or g, on the coordinates of the motors: row T.
+  void along(const double* row, double* moved) const {
+    std::fill(moved, moved + nv_, 0.0);
+    for (std::size_t i = 0; i < nv_; ++i)
+      for (std::size_t j = 0; j < nv_; ++j) moved[j] += row[i] * axes_[i * nv_ + j];
+  }
+  template <class Plan>
   AccelerationRows rows(const Plan& p) const {
     const std::size_t m = p.part("lower").size();
     return {static_cast<int>(m),          p.doubles("A", m * n_), p.doubles("demand_lower", m),
@@ -180,6 +203,7 @@ class TorqueParts final : public SolveCall {
   double tolerance_;
   std::vector<std::int8_t> out_;
   std::vector<double> held_, carried_;  // J of the constraints that are there; A v
+  std::vector<double> axes_, moved_;    // T (nv, nv), empty without tendons; J T and g T
   std::unique_ptr<Elimination> elimination_;
   std::unique_ptr<TorqueRows> rows_;
   std::unique_ptr<ForceRows> forces_;

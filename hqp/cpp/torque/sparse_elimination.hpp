@@ -21,11 +21,11 @@ inline namespace HQP_ISA {
 class SparseElimination final : public Elimination {
  public:
   // parents: the coordinate before each on its way to the world, -1 for none; lower than itself.
-  SparseElimination(const std::vector<int>& parents, std::vector<int> actuated, int rows, const std::int8_t* out)
+  SparseElimination(const std::vector<int>& parents, Motors motors, int rows, const std::int8_t* out)
       : out_(out),
-        actuated_(std::move(actuated)),
+        motors_(std::move(motors)),
         nv_(static_cast<int>(parents.size())),
-        n_(static_cast<int>(actuated_.size())),
+        n_(static_cast<int>(motors_.own.size())),
         rows_(rows),
         m_(rows),
         ld_(padded(n_)),
@@ -46,8 +46,14 @@ class SparseElimination final : public Elimination {
       if (parents[i] >= 0) way_[i] = way_[parents[i]];
       way_[i].push_back(i);
     }
+    std::vector<int> joints(n_);
+    for (const Motors::Entry& e : motors_.entries) {
+      joints[e.motor] += e.factor == 1.0 ? 1 : 2;
+      for (int i : way_[e.joint])
+        ranges_[i] = {std::min(ranges_[i].first, e.motor), std::max(ranges_[i].second, e.motor + 1)};
+    }
     for (int k = 0; k < n_; ++k)
-      for (int i : way_[actuated_[k]]) ranges_[i] = {std::min(ranges_[i].first, k), std::max(ranges_[i].second, k + 1)};
+      if (joints[k] == 1) single_.push_back(k);
   }
 
   int eliminate(const double* A, const double* bias, const double* J, const double* gamma, double tolerance,
@@ -64,7 +70,7 @@ class SparseElimination final : public Elimination {
     const int rank = m_;
     motions(map, n_ + 1);
     // in exact numbers they are the same; to the bit, one is kept where both are written down
-    for (int k = 0; k < n_; ++k) std::copy(phi + k * n_, phi + (k + 1) * n_, map + actuated_[k] * (n_ + 1));
+    for (int k : single_) std::copy(phi + k * n_, phi + (k + 1) * n_, map + motors_.own[k] * (n_ + 1));
     return rank;
   }
 
@@ -95,11 +101,11 @@ class SparseElimination final : public Elimination {
     return true;
   }
 
-  // Y (nv, n + 1) row-major: H^-T [U^T, -bias]. Columns of U^T stay within the coordinates that carry their joint.
+  // Y (nv, n + 1) row-major: H^-T [U^T, -bias]. Columns of U^T stay within the coordinates that carry their joints.
   void columns(const double* bias, double* Y) const {
     const int w = n_ + 1;
     std::fill(Y, Y + nv_ * w, 0.0);
-    for (int k = 0; k < n_; ++k) Y[actuated_[k] * w + k] = 1.0;
+    for (const Motors::Entry& e : motors_.entries) Y[e.joint * w + e.motor] = e.factor;
     for (int i = 0; i < nv_; ++i) Y[i * w + n_] = -bias[i];
     for (int i = nv_ - 1; i >= 0; --i) {
       double* y = Y + i * w;
@@ -297,7 +303,8 @@ class SparseElimination final : public Elimination {
   }
 
   const std::int8_t* out_;
-  std::vector<int> actuated_, in_;          // in_: the constraints that are not out
+  Motors motors_;
+  std::vector<int> single_, in_;            // single_: motors of one joint; in_: the constraints that are not out
   int nv_, n_, rows_, m_, ld_, count_ = 0;  // count_: number of coordinates that move a constraint
   std::vector<double> H_;
   std::vector<std::vector<int>> way_;                    // coordinates from the world to each, itself the last

@@ -8,8 +8,8 @@
 
 namespace hqp {
 
-Elimination* HQP_MAKE(std::vector<int> parents, std::vector<int> actuated, int rows, const std::int8_t* out) {
-  return new SparseElimination(std::move(parents), std::move(actuated), rows, out);
+Elimination* HQP_MAKE(std::vector<int> parents, Motors motors, int rows, const std::int8_t* out) {
+  return new SparseElimination(std::move(parents), std::move(motors), rows, out);
 }
 
 TorqueRows* HQP_MAKE_ROWS(const double* map, int nv, int n) { return new LevelRows(map, nv, n); }
