@@ -19,7 +19,7 @@ import pinocchio as pin
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ModelError
 
-from . import mjcf_limits, mjcf_obstacles, mjcf_parts
+from . import mjcf_limits, mjcf_numbers, mjcf_obstacles, mjcf_parts
 from .description import LARGEST, Description, require_room
 from .mjcf_names import body_names, joint_names, site_name
 from .mjcf_size import check_bodies
@@ -31,7 +31,7 @@ _NUMBERS = (
     "opt.gravity", "body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "body_gravcomp",
     "jnt_pos", "jnt_axis", "jnt_stiffness", "dof_armature", "dof_damping", "dof_frictionloss", "qpos0", "key_qpos",
     "site_pos", "site_quat", "geom_pos", "geom_quat", "geom_size", "actuator_gear", "actuator_gainprm", "eq_data",
-    "tendon_armature",
+    "tendon_armature", "wrap_prm",
 )  # fmt: skip
 _RANGES = ("jnt_range", "jnt_actfrcrange", "actuator_forcerange", "actuator_ctrlrange")
 """Ranges read from a MjModel; ranges may be infinite."""
@@ -50,6 +50,7 @@ def compiled(path: Path, floating: bool | None = None, root: str | Sequence[str]
 def parsed(path: Path) -> Any:
     """The file as a MjSpec; raises ModelError."""
     check_bodies(path)
+    mjcf_numbers.check(path)
     try:
         if path.suffix == ".xml":
             return mujoco.MjSpec.from_file(str(path.absolute()))
@@ -57,14 +58,14 @@ def parsed(path: Path) -> Any:
         spec.modelfiledir = str(path.absolute().parent)
         return spec
     except (OSError, ValueError, MemoryError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} could not be read: {' '.join(str(error).split())}") from error
+        raise ModelError(mjcf_numbers.explained(path, error)) from error
 
 
 def _compile(spec: Any, path: Path) -> Any:
     try:
         return spec.compile()
     except (ValueError, MemoryError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} could not be read: {' '.join(str(error).split())}") from error
+        raise ModelError(mjcf_numbers.explained(path, error)) from error
 
 
 def root_bodies(simulated: Any, own: frozenset[int]) -> list[int]:
@@ -83,7 +84,8 @@ def _represented(simulated: Any, path: Path | str) -> None:
     for name in (*_NUMBERS, *_RANGES):
         values = np.asarray(attrgetter(name)(simulated))
         if np.isnan(values).any() or (name in _NUMBERS and np.any(np.abs(values) >= LARGEST)):
-            raise ModelError(f"{path}: MuJoCo reads {name} as a number that is not finite or too large")
+            computed = f"{path}: MuJoCo computes {name} as a number that is not finite or too large"
+            raise ModelError(mjcf_numbers.first(path) or computed)
     mjcf_limits.check(simulated, path)
 
 

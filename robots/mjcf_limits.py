@@ -21,9 +21,14 @@ from .mujoco_extra import mujoco
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _DIRECT = [int(k) for k in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
-_RANGES = {"range": "jnt_range", "actuatorfrcrange": "jnt_actfrcrange", "ctrlrange": "actuator_ctrlrange"}
-_RANGES |= {"forcerange": "actuator_forcerange"}
-"""Ranges of joints and actuators with the field of a MjModel that holds them."""
+_RANGES = {
+    "jnt_range": "range",
+    "jnt_actfrcrange": "actuatorfrcrange",
+    "actuator_ctrlrange": "ctrlrange",
+    "actuator_forcerange": "forcerange",
+    "tendon_range": "range",
+}
+"""Ranges by the field of a MjModel that holds them."""
 _TENDONS = {
     "limits (a JointCoupling ties joints to each other)": ("tendon_limited",),
     "springs": ("tendon_stiffness",),
@@ -36,12 +41,13 @@ _HOMES = ("home", "stand", "standing")
 def check(simulated: Any, path: Path | str) -> None:
     """Raise ModelError for ranges that MuJoCo drops since they hold nothing, negative armature, motors of gear 0."""
     joints, motors = joint_names(simulated), [_motor_name(simulated, a) for a in range(simulated.nu)]
-    for word, field in _RANGES.items():
-        of_joint = field.startswith("jnt")
-        for name, (low, high) in zip(joints if of_joint else motors, getattr(simulated, field), strict=True):
+    tendons = [simulated.tendon(t).name or str(t) for t in range(simulated.ntendon)]
+    parts = {"jnt": (joints, _joint), "actuator": (motors, _actuator), "tendon": (tendons, _tendon_place)}
+    for field, word in _RANGES.items():
+        names, where = parts[field.split("_")[0]]
+        for name, (low, high) in zip(names, getattr(simulated, field), strict=True):
             if low >= high and (low or high):
-                at = _joint(path, name) if of_joint else _actuator(path, name)
-                raise ModelError(f'{at}: {word}="{low:g} {high:g}"; allowed: the lower end first')
+                raise ModelError(f'{where(path, name)}: {word}="{low:g} {high:g}"; allowed: the lower end first')
     for j, name in enumerate(joints):
         if simulated.dof_armature[simulated.jnt_dofadr[j]] < 0.0:
             raise ModelError(f"{_joint(path, name)}: negative armature; allowed: 0 or above")
@@ -56,6 +62,10 @@ def _joint(path: Path | str, name: str) -> str:
 
 def _actuator(path: Path | str, name: str) -> str:
     return f"{xml_lines.where(path, './/actuator/*', name)}: actuator {name!r}"
+
+
+def _tendon_place(path: Path | str, name: str) -> str:
+    return f"{xml_lines.where(path, './/tendon/*', name)}: tendon {name!r}"
 
 
 def read(simulated: Any, found: Description, own: frozenset[int]) -> None:

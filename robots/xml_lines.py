@@ -16,6 +16,8 @@ from .description import LARGEST
 _TRIPLES = ("xyz", "rpy", "size", "scale")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 
+_PAYLOAD = re.compile(r"(?<!\S)([+-]?nan)\(\w*\)", re.ASCII | re.IGNORECASE)
+
 
 class Element(ET.Element):
     """An element, with the line of its start."""
@@ -77,16 +79,41 @@ def numbers(
     return values
 
 
+def floats(text: str) -> list[float]:
+    """The numbers of a text, [] unless it has numbers alone; NaN may have a payload in brackets, as in C."""
+    words = _PAYLOAD.sub(r"\1", text).split()
+    return [float(word) for word in words] if all(_NUMBER.fullmatch(word) for word in words) else []
+
+
 def place(path: Path, element: ET.Element | None) -> str:
     """File and line of an element, for messages."""
     return f"{path}, line {element.line}" if isinstance(element, Element) and element.line else str(path)
 
 
 def where(path: Path | str, elements: str, name: str) -> str:
-    """File and line of the first of some elements, by XPath, with a name; without a line if it is not in this file."""
+    """File and line of the first of some elements, by XPath, with a name; without a line if there is none."""
     if not isinstance(path, Path):
         return path
-    return place(path, next((found for found in read(path).iterfind(elements) if found.get("name") == name), None))
+    for at, root in with_included(path):
+        for found in root.iterfind(elements):
+            if found.get("name") == name:
+                return place(at, found)
+    return str(path)
+
+
+def with_included(
+    path: Path, folder: Path | None = None, above: frozenset[Path] = frozenset()
+) -> Iterator[tuple[Path, Element]]:
+    """Root elements of a file and of those that an MJCF includes; none of a file that cannot be read."""
+    folder = folder or path.parent
+    try:
+        root = read(path)
+    except ModelError:
+        return
+    yield path, root
+    for element in root.iter("include"):
+        if (included := folder / str(element.get("file"))) not in above:
+            yield from with_included(included, folder, above | {path, included})
 
 
 def named(root: ET.Element, tag: str) -> Iterator[tuple[str, ET.Element]]:

@@ -83,8 +83,8 @@ def test_damaged_urdf_files_are_refused_by_name(tmp_path: Path, old: str, new: s
     ("old", "new", "told"),
     [
         (b"palm", b"p\xfflm", "a name is not valid UTF-8"),
-        (b"0 1 0 0 0", b"nan 1 0 0 0", "eq_data"),
-        (b'ref=".1"', b'ref="1e300"', "qpos0"),
+        (b"0 1 0 0 0", b"nan 1 0 0 0", "polycoef='nan 1 0 0 0' is not finite"),
+        (b'ref=".1"', b'ref="1e300"', "ref='1e300' is not finite or too large"),
     ],
 )
 def test_damaged_mjcf_files_are_refused(tmp_path: Path, old: bytes, new: bytes, told: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -103,3 +104,50 @@ def test_home_of_a_ball_lies_in_its_cone(tmp_path: Path) -> None:
     turned = robot.state().angles[robot.joints("bend")]
     assert np.linalg.norm(turned) == pytest.approx(np.radians(30.0))
     assert "home was moved into the limits of bend" in str(robot)
+
+
+NUMBERS = """<mujoco model="nan">
+ <compiler angle="radian" autolimits="true"/>
+ <option gravity="0 0 -9.81" timestep="0.002"/>
+ <default>
+  <joint damping="0.1" armature="0.01"/>
+  <default class="inf"><geom size="0.05"/></default>
+ </default>
+ <worldbody>
+  <body name="a" pos="0 0 1" quat="1 0 0 0" gravcomp="0.5">
+   <inertial pos="0 0 .1" mass="1" diaginertia=".01 .01 .01"/>
+   <joint name="j" axis="0 1 0" range="-1 1" stiffness="1" frictionloss="0.1" ref="0" actuatorfrcrange="-5 5"/>
+   <body pos="0 0 .2" euler="0 0 0">
+    <joint name="k" axis="1 0 0"/>
+    <geom type="box" size=".02 .03 .04" mass="0.5" pos="0 0 .05"/>
+    <site name="s" pos="0 0 .1"/>
+    <geom class="inf" type="sphere" density="100"/>
+   </body>
+  </body>
+ </worldbody>
+ <tendon><fixed name="t" range="-1 1"><joint joint="j" coef="1"/><joint joint="k" coef="0.5"/></fixed></tendon>
+ <equality><joint joint1="j" joint2="k" polycoef="0 1 0 0 0"/></equality>
+ <actuator><motor name="m" joint="j" gear="2" ctrlrange="-3 3"/></actuator>
+ <keyframe><key name="nan" qpos="0 0"/></keyframe>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("included", [False, True])
+@pytest.mark.parametrize("word", ["nan", "-NaN", "nan(0x1)", "inf", "-1e60", "abc", "1,5"])
+def test_a_number_that_is_none_is_named_with_its_line(word: str, included: bool, tmp_path: Path) -> None:
+    """Each number of a file, in turn, becomes a word: the error has the line, of an included file too."""
+    main, path = tmp_path / "arm.xml", tmp_path / ("parts.xml" if included else "arm.xml")
+    main.write_text('<mujoco><include file="parts.xml"/></mujoco>')
+    path.write_text(NUMBERS)
+    assert hqp.robots.load(main).nv == 2
+    lines = NUMBERS.splitlines()
+    for i, line in enumerate(lines):
+        for found in re.finditer(r' (\w+)="[-\d. e]+"', line):
+            free = ("quat", "axis", "euler", "timestep") if word == "-1e60" else ("range", "timestep")
+            if word in ("inf", "-1e60") and found[1].endswith(free):
+                continue  # directions have any length, ranges may be infinite
+            changed = re.sub(r'[-\d.e]+"$', f'{word}"', found[0])
+            path.write_text("\n".join([*lines[:i], line.replace(found[0], changed), *lines[i + 1 :]]))
+            with pytest.raises(ModelError, match=rf"{path.name}, line {i + 1}\b|line {i + 1}$"):
+                hqp.robots.load(main)
