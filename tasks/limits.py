@@ -28,6 +28,9 @@ APPROACH = 20.0
 RISE = 0.02
 """The default window lets no joint reach its top speed sooner than this [s]."""
 
+SMOOTH = 3.0
+"""Longest braking curve of a jerk limit, in sqrt(v_max / j), half the time in which the jerk stops the top speed."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class JointLimits(Inequality):
@@ -56,6 +59,12 @@ class JointLimits(Inequality):
 
     Jbar = A^-1 J^T (J A^-1 J^T)^+, as an inelastic impact takes it; nothing of it for kd = 0.
 
+    With jerk, j, the command follows the solver's answer at velocity level and its acceleration changes by at most
+    j dt a tick, for all motors in proportion (hqp/cpp/session/jerk_limiter.hpp).  Then a bounds the command, not the
+    answer; T is at least 3 sqrt(v_max / j), and b at most a / 2 and v_max / T.  Position and speed limits and the
+    inequalities of ``subject_to`` win over jerk, with a note.  Equalities follow with a lag, so that feet may drift.
+    A stop and a command without a usable answer brake without this limit.
+
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
     joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.  speed [rad/s or m/s]:
@@ -63,8 +72,9 @@ class JointLimits(Inequality):
     or m/s^2]: a.  The default of 50 is lowered for each joint to the value that the robot's data allow: effort limit /
     inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.  braking [rad/s^2 or m/s^2]:
     b, at most a (a joint brakes inside its window).  0 or None switches either off: without both f(d) = d / dt.
-    approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity [rad/s or m/s].  Raises DeclarationError for
-    fields and for a margin that leaves no room, JointNotFound on binding.
+    approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity [rad/s or m/s].  jerk [rad/s^3 or m/s^3]: j, 0 or
+    None for none.  Raises DeclarationError for fields, for a margin that leaves no room, and for a jerk above velocity
+    level or of a joint with neither speed limit nor a; JointNotFound on binding.
     """
 
     joints: str | Sequence[str] | None = None
@@ -74,13 +84,14 @@ class JointLimits(Inequality):
     braking: float | None = BRAKING
     approach: float | None = APPROACH
     return_velocity: float = 0.5
+    jerk: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
         check_number(self, "margin", self.margin, 0.0)
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
-        for name in ("speed", "acceleration", "braking", "approach"):
+        for name in ("speed", "acceleration", "braking", "approach", "jerk"):
             value = getattr(self, name)
             object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot express None
             check_number(self, name, getattr(self, name), 0.0)
@@ -107,7 +118,25 @@ class JointLimits(Inequality):
         """v_max: speed limit of each joint, ``(k,)`` [rad/s or m/s]."""
         return np.minimum(robot.velocity_limit[self.selection(robot)], self.speed or math.inf)
 
-    def _positions(self, robot: Robot) -> tuple[Vec, Vec]:
+    def answer_rates(self, robot: Robot) -> tuple[Vec, Vec, float]:
+        """(a, b, k) of the solver's answer: with a jerk limit a is infinite, b and k are lower."""
+        (a, b), approach = self.rates(robot), self.approach or 0.0
+        if not self.jerk:
+            return a, b, approach
+        picked = self.selection(robot)
+        speed = self.speeds(robot)
+        speed = np.where(np.isfinite(speed), speed, a * a / self.jerk)
+        if not np.all(np.isfinite(speed)):
+            name = robot.joint_name(int(picked[np.argmax(~np.isfinite(speed))]))
+            allowed = f"a finite number, for {name} of {robot.name} has no speed limit and jerk needs one of the two"
+            raise self.invalid("acceleration", self.acceleration, allowed)
+        longest = SMOOTH * math.sqrt(float(speed.max(initial=0.0)) / self.jerk)
+        if longest > 0.0:
+            approach = min(approach or math.inf, 1.0 / longest)
+            b = np.minimum(np.minimum(b, a / 2.0), speed / longest)
+        return np.full(a.size, math.inf), b, approach
+
+    def position_limits(self, robot: Robot) -> tuple[Vec, Vec]:
         """Position limits within the margin, ``(k,)``; raises DeclarationError where it leaves no room."""
         picked = self.selection(robot)
         low, high = robot.lower[picked] + self.margin, robot.upper[picked] - self.margin
@@ -123,7 +152,7 @@ class JointLimits(Inequality):
 
     def bounds(self, state: State) -> tuple[Vec, Vec]:
         """Ways left to the position limits, ``(k,)`` each [rad or m]."""
-        (low, high), q = self._positions(state.robot), state.angles[self.selection(state.robot)]
+        (low, high), q = self.position_limits(state.robot), state.angles[self.selection(state.robot)]
         return low - q, high - q
 
     def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
@@ -134,13 +163,13 @@ class JointLimits(Inequality):
         """The box at a velocity v ``(nv,)``: bounds ``(k,)`` each."""
         picked, back = self.selection(state.robot), self.return_velocity
         speed, v = self.speeds(state.robot), v[picked]
-        (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
-        T = horizon(b, self.approach, dt)
+        (down, up), (a, b, approach) = self.bounds(state), self.answer_rates(state.robot)
+        T = horizon(b, approach, dt)
         highest, lowest = fastest(up, speed, b, back, T), -fastest(-down, speed, b, back, T)
         upper, lower = highest, lowest
-        if order == 2 and self.approach:
-            upper = gradual(up, highest, v, speed, b, T, self.approach, dt)
-            lower = -gradual(-down, -lowest, -v, speed, b, T, self.approach, dt)
+        if order == 2 and approach:
+            upper = gradual(up, highest, v, speed, b, T, approach, dt)
+            lower = -gradual(-down, -lowest, -v, speed, b, T, approach, dt)
             upper = np.maximum(upper, np.minimum(highest, lower))  # a gradual bound gives way where the two would cross
             lower = np.minimum(lower, np.maximum(lowest, upper))
         upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
@@ -150,8 +179,8 @@ class JointLimits(Inequality):
         """For each joint (lower, upper): ``acceleration`` at an end of the window, ``speed``, ``""`` for position."""
         picked = self.selection(state.robot)
         v, speed = v[picked], self.speeds(state.robot)
-        (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
-        T = horizon(b, self.approach, dt)
+        (down, up), (a, b, approach) = self.bounds(state), self.answer_rates(state.robot)
+        T = horizon(b, approach, dt)
         sides = []
         for way, rate in ((-down, -v), (up, v)):
             most = fastest(way, speed, b, self.return_velocity, T)
@@ -180,9 +209,10 @@ class JointLimits(Inequality):
         joints = plans.Joints.of(robot, picked)
         if joints is None:
             return None
-        bounds = (*self._positions(robot), self.speeds(robot), *self.rates(robot))
+        *rates, approach = self.answer_rates(robot)
+        bounds = (*self.position_limits(robot), self.speeds(robot), *rates)
         low, high, speed, a, b = (tuple(x.tolist()) for x in bounds)
-        return plans.JointBox(joints, low, high, speed, a, b, self.approach or math.inf, self.return_velocity)
+        return plans.JointBox(joints, low, high, speed, a, b, approach or math.inf, self.return_velocity)
 
 
 _INERTIA: WeakKeyDictionary[Robot, Vec] = WeakKeyDictionary()

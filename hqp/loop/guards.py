@@ -15,11 +15,13 @@ from typing import Any, NoReturn, TypeAlias, TypeVar
 import numpy as np
 
 from hqp.arrays import Mask, Vec
+from hqp.declare.law import P
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
 from hqp.declare.safety import RateLimits, StateBounds, positive
 from hqp.declare.stack import Stack
 from hqp.errors import ConcurrentUse, DeclarationError, UnknownReference, closest
+from hqp.programs.formulation import Formulation
 
 T = TypeVar("T")
 
@@ -208,3 +210,39 @@ def rate_limits(robot: Robot, limits: RateLimits | None, kind: str, dt: float) -
         raise DeclarationError("RateLimits", kind, value=limit, allowed=f"one number, or {motors} on {robot.name}")
     inverse: list[float] = (1.0 / (dt * np.broadcast_to(np.asarray(limit, dtype=np.float64), (motors,)))).tolist()
     return inverse
+
+
+def jerk_limits(robot: Robot, stack: Stack, formulation: Formulation, kind: str, dt: float) -> dict[str, Any] | None:
+    """Limits of the motors by ``JointLimits(jerk=)`` (hqp/cpp/session/jerk_limiter.hpp), None without one.
+
+    rate: the largest gain of the tasks.  Raises DeclarationError above velocity level.
+    """
+    from hqp.tasks import JointLimits
+
+    found = [element for element in stack if isinstance(element, JointLimits) and element.jerk]
+    if not found:
+        return None
+    if kind != "velocity":
+        limit = "RateLimits(acceleration=...) of the controller" if kind == "acceleration" else "none"
+        raise found[0].invalid("jerk", found[0].jerk, f"{limit} at {kind} level")
+    nv = robot.nv
+    inverse, most, low = np.zeros(nv), np.full(nv, math.inf), np.full(nv, -math.inf)
+    high, speed = np.full(nv, math.inf), np.full(nv, math.inf)
+    for element in found:
+        k = element.selection(robot)
+        lower, upper = element.position_limits(robot)
+        assert element.jerk
+        inverse[k] = np.maximum(inverse[k], 1.0 / element.jerk)
+        most[k] = np.minimum(most[k], dt * element.rates(robot)[0])
+        low[k], high[k] = np.maximum(low[k], lower), np.minimum(high[k], upper)
+        speed[k] = np.minimum(speed[k], element.speeds(robot))
+    laws = formulation.laws(stack)
+    tasks = [laws[element.name] for level in stack.levels for element in level]
+    gains = [float(np.max(np.abs(law.gain), initial=0.0)) for law in tasks if isinstance(law, P)]
+    motors = robot.actuated
+    limits = {"inverse": inverse, "change": most, "low": low, "high": high, "speed": speed}
+    return {
+        **{name: one[motors].tolist() for name, one in limits.items()},
+        "elements": [element.name for element in found],
+        "rate": max(gains, default=0.0),
+    }

@@ -10,6 +10,7 @@
 #include "follow_watch.hpp"
 #include "guards.hpp"
 #include "halt.hpp"
+#include "jerk_limiter.hpp"
 #include "limit_watch.hpp"
 #include "line.hpp"
 #include "rest.hpp"
@@ -75,6 +76,18 @@ std::unique_ptr<MotorLimits> motor_limits(const Node& root, const Line& line, co
   const Node p = guards.part("motors");
   const double braking = robot.kind == "acceleration" ? guards.part("braking").number("deceleration") : 0.0;
   return std::make_unique<MotorLimits>(robot.joint_names, p.numbers("inverse"), p.texts("units"), line.dt(), braking);
+}
+
+// Null if the plan limits no jerk.
+template <class Node>
+std::unique_ptr<JerkLimiter> jerk_limiter(const Node& root, const Line& line, const RobotNames& robot) {
+  const Node guards = root.part("guards");
+  if (!guards.has("jerk")) return nullptr;
+  const Node p = guards.part("jerk");
+  JerkLimits limits{robot.joint_names, p.numbers("inverse"), p.numbers("change"), p.numbers("low"),
+                    p.numbers("high"), p.numbers("speed"),   p.texts("elements"), p.number("rate")};
+  return std::make_unique<JerkLimiter>(std::move(limits), robot.joints, robot.picks, std::size_t(line.size()),
+                                       line.dt());
 }
 
 // Null without an age limit of states: it bounds the motion that a joint may lack.

@@ -33,6 +33,15 @@ class Guarded : public SessionState {
     return tick_;
   }
 
+  // Move a blend of two sessions from the last command with limited jerk and a change of at most `most`; return false
+  // if the stack limits no jerk.
+  template <class Report>
+  bool smooth(const double* last, double most, double* x, const Report& report) {
+    if (!jerk_) return false;
+    outgoing_.smooth(*jerk_, standstill_.from(false).angles, last, most, x, report);
+    return jerk_->sent(last, x), true;
+  }
+
  private:
   const Tick& stepped(const double* q, const double* v, const StateFacts& facts) {
     timing_.begin();
@@ -107,7 +116,7 @@ class Guarded : public SessionState {
     std::copy(answer_.marks, answer_.marks + tick_.marks_.size(), tick_.marks_.begin());
     const auto here = [this] { return standstill_.from(false); };
     if (!outgoing_.take(answer_, before(), standstill_.rest(), here, inputs_.contacts(), motors_.get(),
-                        line_.torque() ? nullptr : latest_.around(), limiter(), tick_.x_.data(), reporter()))
+                        line_.torque() ? nullptr : latest_.around(), jerk(), limiter(), tick_.x_.data(), reporter()))
       return held({}, true);
     plain_notes_ = tick_.note_count_;
     ordinary_ = answer_.point_count == 0;
@@ -161,6 +170,8 @@ class Guarded : public SessionState {
     void operator()(const Note& note) const { session->report(note); }
   };
   Reporter reporter() { return {this}; }
+  // Limiters of a command that is sent as it is, not blended.
+  JerkLimiter* jerk() const { return aside_ ? nullptr : jerk_.get(); }
   const RateLimiter* limiter() const { return aside_ ? nullptr : limiter_.get(); }
   Before before() const { return {latest_.x.data(), latest_.good, tick_.count_}; }
 

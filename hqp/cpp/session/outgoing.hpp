@@ -13,6 +13,7 @@
 #include "../rows/rows.hpp"
 #include "contact_watch.hpp"
 #include "guards.hpp"
+#include "jerk_limiter.hpp"
 #include "late.hpp"
 #include "rest.hpp"
 
@@ -109,7 +110,8 @@ class Outgoing {
   // that a search that continues from tick to tick ends; cut answers would move it off its balance.
   template <class From, class Report>
   bool take(const Answered& answer, const Before& before, Rest& rest, From&& from, const ContactWatch& contacts,
-            const MotorLimits* motors, const double* v, const RateLimiter* limiter, double* x, const Report& report) {
+            const MotorLimits* motors, const double* v, JerkLimiter* jerk, const RateLimiter* limiter, double* x,
+            const Report& report) {
     const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
     allowed_ = answer.allowed;
     if (answer.status != Status::kOptimal) {
@@ -135,7 +137,9 @@ class Outgoing {
     std::copy(sent, sent + n_, x);
     contacts.lost(report);
     if (motors) hold(*motors, v, x, report);
+    if (jerk) smooth(*jerk, from().angles, before.x, std::numeric_limits<double>::infinity(), x, report);
     if (limiter) limit(*limiter, before.x, x, report);
+    if (jerk) jerk->sent(before.x, x);
     if (!cut) trend_.take(x, before.tick);
     return true;
   }
@@ -162,6 +166,26 @@ class Outgoing {
     for (int i = 0; i < n_; ++i) x[i] = last[i] + share * (x[i] - last[i]);
     report(why);
     off_at(x, limiter.name(), report);
+  }
+
+  // Move from the last command towards x with limited jerk and an acceleration that falls to one of `most` a tick;
+  // inequalities of subject_to that the answer keeps are kept.
+  template <class Report>
+  void smooth(JerkLimiter& jerk, const double* angles, const double* last, double most, double* x,
+              const Report& report) {
+    jerk.approach(last, most, x);
+    jerk.keep_within_limits(angles, x);
+    const double* answer = jerk.answer().data();
+    for (const Part& part : parts_) {
+      if (jerk.declared_by(part.name)) continue;  // its rows keep a distance; keep_within_limits has the limits
+      const Level& level = levels_[std::size_t(part.level)];
+      for (int i = part.first; i < part.last; ++i)
+        if (level.lower[i] < level.upper[i])
+          jerk.keep_within(value(level, i, x, n_), value(level, i, answer, n_), level.lower[i], level.upper[i],
+                           part.name.c_str());
+    }
+    Note why;
+    if (jerk.give_way(last, x, why)) report(why);
   }
 
   // Move x into the limits of the motors; report rows of subject_to that are violated by it.

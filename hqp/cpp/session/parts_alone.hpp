@@ -48,7 +48,7 @@ class CutAnswers {
     Notes notes;
     const auto start = [] { return hqp::RestFrom{}; };
     if (!outgoing_.take({hqp::Status::kTimeLimit, of(cut), slack_.data(), nullptr}, {of(last), true, tick}, rest_,
-                        start, contacts_, nullptr, nullptr, nullptr, of(x), teller(notes)))
+                        start, contacts_, nullptr, nullptr, nullptr, nullptr, of(x), teller(notes)))
       throw nb::value_error("the answer is not usable");
     return notes;
   }

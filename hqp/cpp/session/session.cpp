@@ -94,6 +94,9 @@ std::string Note::text() const {
     case Cause::kMotor:
       return std::string(where) + " would be sent " + g3(amount) + " " + rows[0].name + ", allowed " + g3(allowed) +
              " " + rows[0].name + ": the command is scaled down";
+    case Cause::kJerk:
+      return std::string(rows[0].name) + " is sent a jerk of " + g3(amount) + "/s^3, allowed " + g3(allowed) +
+             "/s^3: '" + where + "' allows no less";
     case Cause::kContact:
       return "has carried less than " + is(allowed) + " N for " + number("%.0f", amount) + " ms, by its measured load";
     case Cause::kRestless:

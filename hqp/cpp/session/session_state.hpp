@@ -33,6 +33,7 @@ class SessionState {
         left_out_(line_, foreign_),
         standstill_(root, line_, foreign_, Source::kLive, robot_, latest_, left_out_),
         motors_(motor_limits(root, line_, robot_)),
+        jerk_(jerk_limiter(root, line_, robot_)),
         limiter_(rate_limiter(root, line_, robot_)),
         following_(line_, foreign_, follow_watch(root, line_, robot_)),
         timing_(root.part("guards").number("deadline")),
@@ -75,6 +76,7 @@ class SessionState {
     state.take(tick_.count_), state.take(tick_.held_);
     if (tick_.held_ > 0) standstill_.rest().keep(state);
     limits_.keep(state), inputs_.keep(state);
+    if (jerk_) jerk_->keep(state);
   }
   // Carry the state of rows and solver over, which sessions of one stack share.
   void keep_rows(CarryOver& state) {
@@ -113,6 +115,7 @@ class SessionState {
   void follow(const SessionState& other, const double* x) {
     latest_.follow(other.latest_, x), timing_.follow(other.timing_), following_.follow(other.following_);
     tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
+    if (jerk_ && other.jerk_) jerk_->follow(*other.jerk_);
     join(other);
     age_noted_ = other.age_noted_;
   }
@@ -168,6 +171,7 @@ class SessionState {
   LeftOut left_out_;
   Standstill standstill_;
   std::unique_ptr<MotorLimits> motors_;
+  std::unique_ptr<JerkLimiter> jerk_;
   std::unique_ptr<RateLimiter> limiter_;
   Following following_;
   Timing timing_;

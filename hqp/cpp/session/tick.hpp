@@ -71,6 +71,7 @@ enum class Cause {
   kOff,        // a constraint is violated, where: by the limit of that name
   kRate,       // the command would change faster than it may
   kMotor,      // the command would exceed a limit of its motor
+  kJerk,       // a limit or row, where, excludes the limit of jerk
   kContact,    // it has carried nothing
   kRestless,   // its command alternates from limit to limit
   kOverrun,    // its position limit will be passed, where: by so many of that unit

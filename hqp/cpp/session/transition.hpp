@@ -312,7 +312,9 @@ class Transition {
         stands.outgoing().limit(*limiter, x_.data(), tick_.x_.data(),
                                 [&](const Note& note) { sent_.limited.push_back(note); });
     };
-    if (reach > ramp_.most()) limit(&gradual_);
+    const bool smooth = !leaving_ && last().smooth(x_.data(), ramp_.most(), tick_.x_.data(),
+                                                   [&](const Note& note) { tick_.add(note); });
+    if (!smooth && reach > ramp_.most()) limit(&gradual_);
     limit(stands.rates());
     if (!sent_.limited.empty()) ramp_.limited();
     take_limited();
