@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from hqp.arrays import Mask, Vec
 from hqp.declare.element import Element
+from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
@@ -149,14 +150,16 @@ class Prediction:
 
         Replace invalid numbers (NaN, infinite) by the last ones sent; in the first tick, by ones that hold the joint.
         """
-        given = np.array(command, dtype=np.float64)
+        given = np.asarray(command, dtype=np.float64)
         if given.shape != q.shape:
             raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(q.shape))
         self._observe(q, v)
         if self._last is None:
             self._path = known(q)
             self._last = known(q) if self._kind == "positions" else np.zeros(q.shape)
-        given = np.where(np.isfinite(given), given, self._last)
+        finite = np.isfinite(given)
+        if not finite.all():
+            given = np.where(finite, given, self._last)
         servos = self.servos
         if self._kind == "velocities":
             given = within(given, -FASTEST, FASTEST)
@@ -176,10 +179,9 @@ class Prediction:
         and torques lack the middle terms.
         """
         servos, measured = self.servos, np.isfinite(q) & np.isfinite(v)
-        solved = np.asarray(solved)[..., None]
-        usual = bool(measured.all() and solved.all())
+        usual = bool(measured.all() and (solved if isinstance(solved, bool) else solved.all()))
         if not usual:
-            q, v = known(q), known(v)
+            q, v, solved = known(q), known(v), np.asarray(solved)[..., None]
         if self._kind == "velocities":
             sent = command + (x - free)
         elif self._kind == "torques":
@@ -193,7 +195,8 @@ class Prediction:
             sent = np.where(solved, sent, self._slowed(x, q, v, measured))
             self._before = np.where(measured, v, math.nan)
             path = np.where(measured & solved, q, self._path)
-        self._last = np.where(np.isfinite(sent), sent, self._last)
+        finite = np.isfinite(sent)
+        self._last = sent if finite.all() else np.where(finite, sent, self._last)
         self._path, self._rate = path + servos.dt * x, x
         return self._last.copy()
 
@@ -242,11 +245,10 @@ class PolicyFilterSession:
     def __init__(self, declared: PolicyFilter, session: Session, servos: Servos) -> None:
         self.declared, self.session, self.robot = declared, session, session.robot
         self._prediction = Prediction(declared, servos)
-        self._policy: Any = session.stack.find("policy")
-        self._speed = 1e-9 * (1.0 + np.where(np.isfinite(self._top()), self._top(), 1.0))
-
-    def _top(self) -> Vec:
-        return self.robot.velocity_limit[self.robot.actuated]
+        own = self._own = self.robot.actuated
+        self._still = np.zeros(own.size)
+        top = self.robot.velocity_limit[own]
+        self._speed = 1e-9 * (1.0 + np.where(np.isfinite(top), top, 1.0))
 
     def tick(self, q: Vec, v: Vec, command: ArrayLike) -> FilteredTick:
         """One tick: measured q ``(nq,)`` and v ``(nv,)``, the policy's command ``(n,)``.  Data never raises.
@@ -257,16 +259,19 @@ class PolicyFilterSession:
 
     def step(self, state: State, command: ArrayLike, *, now: float | None = None) -> FilteredTick:
         """One tick of a state, which carries its time if there is a ``max_age``; see ``tick``, ``Session.step``."""
-        own = self.robot.actuated
+        own, asked = self._own, np.array(command, dtype=np.float64)
         q, v = state.angles[own], state.v[own]
-        taken, free = self._prediction.begin(command, q, v)
-        tick = self.session.step(state, self._policy.at(velocity=free), now=now)
-        x = tick.x[own]
-        sent = self._prediction.end(taken, free, x, q, v, tick.status.solved)
-        asked = np.array(command, dtype=np.float64)
-        changed = (np.abs(x - free) > self._speed) | (taken != asked) | (not tick.status.solved)
-        names = self.robot.joint_names
-        limited = {names[i]: float(sent[i] - asked[i]) for i in np.flatnonzero(changed).tolist()}
+        taken, free = self._prediction.begin(asked, q, v)
+        tick = self.session.step(state, Reference("policy", self._still, free), now=now)
+        x, solved = tick.x[own], tick.status.solved
+        sent = self._prediction.end(taken, free, x, q, v, solved)
+        changed = (np.abs(x - free) > self._speed) | (taken != asked)
+        if not solved:
+            changed[:] = True
+        limited: dict[str, float] = {}
+        if changed.any():
+            names = self.robot.joint_names
+            limited = {names[i]: float(sent[i] - asked[i]) for i in changed.nonzero()[0].tolist()}
         return FilteredTick(sent, asked, limited, tick)
 
     def reset(self) -> None:
