@@ -25,8 +25,8 @@ from tests.scenes.hostile import DT, KINDS, Plant, hostile
 ROBOTS = ("g1", "anymal", "ur5")
 MARK, END = "<!-- tables: python -m benchmarks filter --page docs/policy-filter.md -->", "<!-- end -->"
 """Marks in the page around the generated tables."""
-CLEARANCE, NEAR, FAR = 0.01, 0.1, 0.3
-"""Clearance of the pairs, their default influence, and one that leaves motors the way to brake [m]."""
+CLEARANCE = 0.01
+"""Clearance of the pairs [m]."""
 BEYOND = 0.05
 """Largest distance that is measured [m]."""
 JUDGED = 20
@@ -48,8 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
             list(_times(500 if arguments.quick else 3000)),
         )
         ticks = 3000 if arguments.quick else arguments.ticks
-        found = [_hostile(name, kind, ticks // len(KINDS), FAR) for name in ROBOTS for kind in KINDS]
-        found += [_hostile("g1", kind, ticks // (10 * len(KINDS)), NEAR) for kind in KINDS]
+        found = [_hostile(name, kind, ticks // len(KINDS)) for name in ROBOTS for kind in KINDS]
     text = f"{times}\n{report.table(HEADER, [one.row() for one in found])}"
     report.section(arguments.output, "filter", text)
     if arguments.page is not None:
@@ -97,7 +96,6 @@ def _times(ticks: int) -> Iterator[tuple[str, ...]]:
 HEADER = (
     "robot",
     "commands",
-    "influence [m]",
     "ticks",
     "changed",
     "not solved",
@@ -115,7 +113,6 @@ class Hostile:
 
     robot: str
     kind: str
-    influence: float
     ticks: int
     changed: int = 0
     unsolved: int = 0
@@ -129,18 +126,18 @@ class Hostile:
     def row(self) -> tuple[str, ...]:
         """Cells of the table."""
         return (
-            self.robot, self.kind, f"{self.influence:g}", str(self.ticks), str(self.changed), str(self.unsolved),
+            self.robot, self.kind, str(self.ticks), str(self.changed), str(self.unsolved),
             f"{max(self.over, 0.0):.1e}",
             f"{self.fast:.6f}", "" if self.kind == "velocities" else f"{self.torque:.6f}",
             f"{1e3 * self.least:.1f}" if self.least < BEYOND else "above 50", f"{self.touches} of {self.judged}",
         )  # fmt: skip
 
 
-def _hostile(name: str, kind: str, ticks: int, influence: float) -> Hostile:
+def _hostile(name: str, kind: str, ticks: int) -> Hostile:
     robot, rng = hqp.robots.load(name), np.random.default_rng(0)
-    collision = CollisionAvoidance(clearance=CLEARANCE, influence=influence)
+    collision = CollisionAvoidance(clearance=CLEARANCE)
     session = _declared(kind, collision).session(robot, DT, deadline=math.inf)
-    plant, own, found = Plant(robot, kind, session), robot.actuated, Hostile(name, kind, influence, ticks)
+    plant, own, found = Plant(robot, kind, session), robot.actuated, Hostile(name, kind, ticks)
     judge, servos = Shapes(robot, collision), plant.servos
     for i in range(ticks):
         angles, v = robot.state(plant.q).angles[own], plant.v[own]

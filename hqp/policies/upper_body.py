@@ -38,9 +38,6 @@ from hqp.tasks import (
 from hqp.tasks.collision_pairs import candidates
 from hqp.torque import Torque
 
-RATES = ("velocity", "acceleration")
-"""Fields of a reference with a number for each row."""
-
 Output = Literal["positions", "velocities", "torques"]
 
 
@@ -168,11 +165,9 @@ class UpperBody:
 
 def placed(hand: Reference) -> Reference:
     """Reference of the Position of a hand, from that of its Pose."""
-    parts = {what: None if given is None else given[:3] for what, given in vars(hand).items() if what in RATES}
+    rate, change = (None if given is None else given[:3] for given in (hand.velocity, hand.acceleration))
     value = None if hand.value is None else np.asarray(hand.value)[:3, 3]
-    return Reference(
-        **{**vars(hand), **parts, "name": hand.name.replace("hand", "place"), "value": value, "remarks": ()}
-    )
+    return Reference(hand.name.replace("hand", "place"), value, rate, change, on=hand.on)
 
 
 def polygon(state: State, feet: Mapping[str, Mat], standing: Collection[str] | None = None) -> Mat:

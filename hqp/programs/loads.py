@@ -61,9 +61,9 @@ class Loads:
 
     def took(self, state: State | None, references: Sequence[Reference]) -> None:
         """Record the loads of a native tick."""
-        for element in self.elements:
-            if element.name in self._live:
-                self._set(element, self._live[element.name].copy())
+        if self._live:
+            self.values.update((name, live.copy()) for name, live in self._live.items())
+            self._carry()
         if state is not None:
             state.loads = self._carried
 
@@ -103,6 +103,10 @@ class Loads:
         self.values[name] = value
         if name in self._live:
             self._live[name][:] = value
+        self._carry()
+
+    def _carry(self) -> None:
+        """Point masses of the present values."""
         found = ((e, self.values.get(e.name)) for e in self.elements)
         loads = (None if at is None else e.carried(at) for e, at in found)
         self._carried = tuple(load for load in loads if load is not None and load[1])
