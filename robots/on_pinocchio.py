@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -41,7 +42,7 @@ class Wheel:
 _DECIMALS = 1e-5
 """Configurations of files are rounded to five decimals [rad, m]."""
 
-LIVE = ("data", "current", "_measure", "_views", "_bodies", "_tree")
+LIVE = ("_read", "data", "current", "_measure", "_views", "_bodies", "_tree")
 """Live parts of a robot: views into its data, made anew in a copy."""
 
 _new = object.__new__
@@ -126,6 +127,7 @@ class Robot:
         self._bodies: tuple[Any, ...] = ()
         self._tree: Sequence[TreeJoint] | Literal[False] | None = False
         self.current: State | None = None
+        self._read: dict[str, Any] | None = None
 
     def set_home(self, q: ArrayLike) -> None:
         """Make q ``(nq,)`` the standing configuration, its joints moved into their limits; raises DeclarationError."""
@@ -317,12 +319,25 @@ class Robot:
         """``geometry`` or ``visual``; shapes that are read for it are not kept, meshes are large."""
         from .geometry import read
 
-        kept = self._geometry if kind == "collision" else self._visual
+        own = self._geometry if kind == "collision" else self._visual
+        kept = self._read.get(kind) if own is None and self._read is not None else own
         if kept is not None:
             return kept
         if self.description is None:
             raise ModelError(f"{self.name} has no file and no {kind} shapes: pass Robot(..., geometry=...)")
-        return read(self.description, self.model, kind)
+        found = read(self.description, self.model, kind)
+        if self._read is not None:
+            self._read[kind] = found
+        return found
+
+    @contextmanager
+    def keep_shapes(self) -> Iterator[None]:
+        """Read the shapes of each kind at most once within this context."""
+        self._read = {}
+        try:
+            yield
+        finally:
+            self._read = None
 
     def contacts(self) -> Contacts:
         """The collision shapes, read for ``touch`` of two bodies; raises ModelError without shapes."""

@@ -32,9 +32,10 @@ def candidates(
     point of a capsule that lies on a face jumps from one end to the other, and commands alternate where only that
     point has a row.  Raises DeclarationError for names and files of no use.
     """
-    capsules = tuple(robot.capsules)
-    links = len(capsules)
-    pairs = _pairs(element, robot, world, named, capsules, clearance)
+    with robot.keep_shapes():
+        capsules = tuple(robot.capsules)
+        links = len(capsules)
+        pairs = _pairs(element, robot, world, named, capsules, clearance)
     flat = {links + k for k, shape in enumerate(world) if shape.kind not in ("sphere", "capsule")}
     lying = [(i, j) for i, j in pairs if j in flat and math.dist(capsules[i].a, capsules[i].b) > SHORT]
     ends: dict[int, int] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
@@ -102,6 +103,10 @@ class Robot(Protocol):
 
         Raises ModelError without shapes.
         """
+        ...
+
+    def keep_shapes(self) -> AbstractContextManager[None]:
+        """Return a context in which ``capsules`` and ``contacts`` read the shapes of the file at most once."""
         ...
 
     @property

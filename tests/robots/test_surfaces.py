@@ -13,7 +13,7 @@ import pytest
 import hqp
 from hqp import Level, P, Stack, shapes
 from hqp.collision_library import coal
-from hqp.robots import capsule_files, capsules
+from hqp.robots import capsule_files, capsules, geometry
 from hqp.robots.surface import Surface
 from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, JointLimits, Posture
@@ -86,3 +86,15 @@ def test_a_turning_link_stops_short_of_a_ball(kind: str, tmp_path: Path, monkeyp
         c, s = math.cos(q[0]), math.sin(q[0])
         least = min(least, distance(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ at, hull) - 0.02)
     assert 0.01 - 1e-3 < least < 0.1
+
+
+def test_a_session_reads_shapes_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Capsules and pairs come from one reading of the shapes, which nothing keeps afterwards."""
+    readings = []
+    monkeypatch.setattr(geometry, "read", lambda *of, read=geometry.read: readings.append(of[-1]) or read(*of))
+    stack = Stack(Level(Posture()), subject_to=[CollisionAvoidance(clearance=0.0137)])  # no pairs known by now
+    robot = hqp.robots.load("panda")
+    hqp.Controller(stack, hqp.Velocity()).session(robot, 0.002)
+    assert readings == ["collision"]
+    robot.contacts()
+    assert readings == ["collision"] * 2
