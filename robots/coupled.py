@@ -17,26 +17,53 @@ _SLACK = 1e-9  # rounding, relative to a range
 
 
 def followed(couplings: Sequence[Terms], q: Vec, joints: Joints, angles: Callable[[Vec], Vec]) -> Vec:
-    """q with each follower at the place that its leaders give; followers may lead others."""
-    for _ in couplings:  # the longest possible chain
-        for terms, offset in couplings:
-            at = angles(q)
-            (follower, factor), *leaders = terms.items()
-            angle = (offset - sum(c * float(at[joints.find(leader)[0]]) for leader, c in leaders)) / factor
-            q = joints.turned(q, joints.find(follower)[0], angle)
+    """q with each follower at the place that its leaders give; a joint that others determine leads none."""
+    at = angles(q)
+    for follower, (terms, offset) in solved(couplings).items():
+        angle = offset + sum(c * float(at[joints.find(leader)[0]]) for leader, c in terms.items())
+        q = joints.turned(q, joints.find(follower)[0], angle)
     return q
 
 
 def leaders(couplings: Sequence[Terms], terms: Mapping[str, float]) -> dict[str, float]:
     """A linear function of joints, by coefficients, as one of joints that follow no others."""
-    found = dict(terms)
-    for _ in couplings:
-        for following, _offset in couplings:
-            (follower, own), *others = following.items()
-            share = found.pop(follower, 0.0)
-            for leader, c in others:
-                found[leader] = found.get(leader, 0.0) - share * c / own
+    found, followers = dict(terms), solved(couplings)
+    for follower in [joint for joint in terms if joint in followers]:
+        _add(found, found.pop(follower), followers[follower][0])
     return {joint: c for joint, c in found.items() if c}
+
+
+def solved(couplings: Sequence[Terms]) -> dict[str, Terms]:
+    """Each follower as a linear function of joints that follow no others, by Gaussian elimination.
+
+    The follower of a coupling is its first joint that follows no other yet. One that the couplings before it imply or
+    contradict has no follower.
+    """
+    found: dict[str, Terms] = {}
+    for given, offset in couplings:
+        terms = dict(given)
+        for joint in [joint for joint in given if joint in found]:
+            factor = terms.pop(joint)
+            _add(terms, factor, found[joint][0])
+            offset -= factor * found[joint][1]
+        size = max(map(abs, given.values()), default=0.0)
+        follower = next((joint for joint, c in terms.items() if abs(c) > _SLACK * size), None)
+        if follower is None:
+            continue
+        own = terms.pop(follower)
+        rest = {joint: -c / own for joint, c in terms.items() if c}, offset / own
+        for joint, (others, shift) in found.items():
+            if follower in others:
+                factor = others.pop(follower)
+                _add(others, factor, rest[0])
+                found[joint] = others, shift + factor * rest[1]
+        found[follower] = rest
+    return found
+
+
+def _add(terms: dict[str, float], factor: float, others: Mapping[str, float]) -> None:
+    for joint, c in others.items():
+        terms[joint] = terms.get(joint, 0.0) + factor * c
 
 
 def lost_ranges(couplings: Sequence[Terms], joints: Joints, lower: Vec, upper: Vec) -> list[str]:

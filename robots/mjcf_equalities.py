@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from hqp.arrays import Vec
 
+from . import coupled
 from .description import Closure, Description
 from .mjcf_names import body_names, joint_names
 from .mjcf_parts import equality_bodies
@@ -78,7 +79,10 @@ def _couple(simulated: Any, found: Description, own: frozenset[int], e: int) -> 
     if not terms or any(int(simulated.jnt_bodyid[j]) not in own for j in terms):
         return "a joint of it is not the robot's"
     names = joint_names(simulated)
-    found.couplings.append(({names[j]: c for j, c in terms.items()}, offset))
+    coupling = {names[j]: c for j, c in terms.items()}, offset
+    if len(coupled.solved([*found.couplings, coupling])) == len(found.couplings):
+        return f"equalities before it determine {', '.join(coupling[0])}"
+    found.couplings.append(coupling)
     return ""
 
 

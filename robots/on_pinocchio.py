@@ -256,7 +256,10 @@ class Robot:
         if self.description is None:
             return ()
         found: list[JointCoupling | Ball | Weld] = []
-        found += [JointCoupling(terms, offset=offset) for terms, offset in self.description.couplings]
+        for k, (terms, offset) in enumerate(self.description.couplings):
+            again = sum(set(terms) == set(before) for before, _ in self.description.couplings[:k])
+            name = f"{'_'.join(terms)}_{again + 1}" if again else ""
+            found.append(JointCoupling(terms, offset=offset, name=name))
         for closure in self.description.closures:
             kind = Ball if closure.kind == "Ball" else Weld
             found.append(kind(frame=closure.frame, relative_to=closure.relative_to, closed=True, name=closure.name))
