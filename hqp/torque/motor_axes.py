@@ -23,7 +23,7 @@ def motor_axes(U: Mat) -> Mat:
     """T ``(nv, nv)``, qd = T y: y has U qd at the pivots and qd elsewhere."""
     y = np.eye(U.shape[1])
     y[pivots(U)] = U
-    return np.asarray(np.linalg.inv(y)) if np.count_nonzero(U) > len(U) else y
+    return np.asarray(np.linalg.inv(y), dtype=np.float64) if np.count_nonzero(U) > len(U) else y
 
 
 def passive_motions(U: Mat) -> Mat:
