@@ -38,6 +38,7 @@ EXTRA = {
     "surfaces": "capsules around the surfaces of all shipped and of generated robots",
     "pages": "tables of the experiments' pages from the committed runs",
     "arms": "arms above the legs of a public walking policy, beside pink",
+    "talos": "arms above the walker of Talos, whose session is its own",
     "filter": "times of a filter behind a policy, and hostile commands",
     "reach": "inverse kinematics to 1000 random poses, beside roboplan",
 }
@@ -54,6 +55,7 @@ ROOMS = {
     "pairs": "collision.pairs",
     "surfaces": "collision.surfaces",
     "arms": "policies.arms",
+    "talos": "policies.talos",
     "filter": "policies.filter",
     "reach": "reach.command",
 }

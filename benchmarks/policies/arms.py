@@ -55,11 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the motions, show, write; returns 1 without the wheels."""
     warnings.simplefilter("ignore")
-    files = _files()
+    files = wheels()
     if files is None:
         report.console.print("holosoma-inference, holosoma and onnxruntime are not installed: see the module's text")
         return 1
-    makers: dict[str, Callable[..., Any]] = {f"reach {r:g}": _upper_body(r) for r in (*REACHES, math.inf)}
+    makers: dict[str, Callable[..., Any]] = {f"reach {r:g}": upper_body(r) for r in (*REACHES, math.inf)}
     if importlib.util.find_spec("pink"):
         makers |= {"pink": Pink, "pink, clamped": Clamped}
     names = [name for name in makers if arguments.only is None or name in arguments.only]
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     found: dict[str, list[Motion]] = {name: [] for name in names}
     for seed in range(arguments.first, arguments.first + count):
         for name in names:
-            found[name].append(_motion(files, makers[name], seed))
+            found[name].append(motion(files, makers[name], seed))
             one = found[name][-1]
             report.console.print(
                 f"{seed} {name}: {'fell' if one.fell else 'stands'}, {1e3 * np.median(one.errors):.0f} mm"
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _files() -> tuple[Path, Path] | None:
+def wheels() -> tuple[Path, Path] | None:
     """The policy and its scene."""
     places = [importlib.util.find_spec(name) for name in ("holosoma_inference", "holosoma", "onnxruntime")]
     if any(place is None or not place.submodule_search_locations for place in places):
@@ -171,7 +171,7 @@ class Course:
         return found
 
 
-def _upper_body(reach: float) -> Callable[..., Any]:
+def upper_body(reach: float) -> Callable[..., Any]:
     def make(robot: Any, policy: Policy, masses: Any) -> UpperBody:
         return UpperBody(robot, policy, masses, reach)
 
@@ -299,8 +299,13 @@ def _row(name: str, runs: Sequence[Motion]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _motion(files: tuple[Path, Path], make: Callable[..., Any], seed: int) -> Motion:
-    """Seeds that three divides stand, others walk; 0 to 2 kg in each hand."""
+def motion(
+    files: tuple[Path, Path], make: Callable[..., Any], seed: int, watch: Callable[[Any, Any], None] | None = None
+) -> Motion:
+    """Seeds that three divides stand, others walk; 0 to 2 kg in each hand.
+
+    watch: takes the configuration ``(nq,)`` and the targets of the hands in each tick.
+    """
     import mujoco
 
     rng = np.random.default_rng(seed)
@@ -342,6 +347,8 @@ def _motion(files: tuple[Path, Path], make: Callable[..., Any], seed: int) -> Mo
         sent[own] = arms.targets(q, v, aims, holding[6:][own] / policy.kp[own])
         found.cpu.append(time.process_time() - start)
         found.ticks += 1
+        if watch is not None:
+            watch(q, aims)
         for _ in range(round(DT / model.opt.timestep)):
             data.ctrl[:] = policy.kp * (sent - data.qpos[7:]) - policy.kd * data.qvel[6:]
             mujoco.mj_step(model, data)

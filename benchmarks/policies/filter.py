@@ -29,7 +29,7 @@ CLEARANCE = 0.01
 """Clearance of the pairs [m]."""
 BEYOND = 0.05
 """Largest distance that is measured [m]."""
-JUDGED = 20
+JUDGED = 60
 """Hostile ticks between two judgements of the distances."""
 
 
