@@ -61,6 +61,16 @@ def test_faults_are_caught(level: str, fault: Fault) -> None:
             assert np.abs(last).max() < 1e-6, "the command did not come to rest"
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_sensor_that_is_frozen_from_the_start_is_caught_at_torque_level(name: str, seed: int) -> None:
+    """At rest nothing is wrong with its speed; but noise would change its last digits."""
+    frozen = Loop(name, "torque", seed=seed, late=1, noise=0.02, fault=Fault("frozen", at=0.0)).run()
+    assert 0.25 <= frozen.caught <= 0.7
+    held = Loop(name, "torque", seed=seed, late=1, noise=0.02, wall=True).run()
+    assert held.caught == math.inf
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2, 6))
 @pytest.mark.parametrize("kind", ["frozen", "exchanged"])

@@ -25,15 +25,17 @@ namespace hqp {
 // bound on g is the way of a joint at its speed limit within it. a is the acceleration from rest to the speed limit
 // within kSpan. Anything may touch a robot at torque level, and no torque distinguishes a load from a brake: more than
 // that is noted, and the command comes to rest from the acceleration by the motor's whole torque limit on, which no
-// load has for long. The clip keeps pushes shorter than kSpan log 2 from counting. A joint without a speed limit is not
-// compared.
+// load has for long, or if neither position nor speed of the joint have changed by a bit for kStill: noise changes
+// those of a joint that a load or a brake holds, and of a frozen sensor nothing does. The clip keeps pushes shorter
+// than kSpan log 2 from counting. A joint without a speed limit is not compared.
 class FollowWatch {
  public:
   // Times after which differences are forgotten [s]: drives may be wrong by the speed v_max delay / kWay for ever, and
   // by the acceleration a.
   static constexpr double kWay = 1.0, kSpan = 0.5;
-  static constexpr double kMean = 0.05;  // accelerations are averaged over this time: v has noise [s]
-  static constexpr double kAgain = 1.0;  // time at rest before joints are moved and compared again [s]
+  static constexpr double kMean = 0.05;   // accelerations are averaged over this time: v has noise [s]
+  static constexpr double kStill = 0.25;  // time without a change after which a sensor is frozen [s]
+  static constexpr double kAgain = 1.0;   // time at rest before joints are moved and compared again [s]
 
   // Motors: names, speed limits and torque limits (0 for none), units of their positions, rad or m, and indices
   // in v.
@@ -82,6 +84,7 @@ class FollowWatch {
       Joint& joint = joints_[i];
       const double angle = angles[joint.coordinate], speed = v[joint.coordinate];
       if (measured_) take(joint, angle, speed);
+      if (!measured_ || angle != joint.angle || speed != joint.speed) joint.changed = now_;
       joint.angle = angle, joint.speed = speed;
       if (!(joint.limit > 0.0)) continue;
       const double way = joint.limit * delay_;
@@ -92,6 +95,8 @@ class FollowWatch {
       const Lack &large = joint.lacks[0], &small = joint.lacks[1];
       if (large.share() > most)
         most = large.share(), worst_ = of(i, Status::kNotFollowing, large.sum / kSpan, large.most, unit);
+      if (small.share() > most && now_ - joint.changed >= kStill)
+        most = small.share(), worst_ = of(i, Status::kNotFollowing, small.sum / kSpan, small.most, unit);
       if (small.share() > noted)
         noted = small.share(), some = of(i, Status::kOptimal, small.sum / kSpan, small.most, unit);
     }
@@ -132,8 +137,9 @@ class FollowWatch {
     double limit = 0.0, effort = 0.0;  // speed and torque limit, 0 for none
     bool turns = true;
     double rate = 0.0, angle = 0.0, speed = 0.0;
-    double gap = 0.0;  // way that the joint lacks [rad, m]
-    Lack lacks[2];     // thresholds of the command's rest, and of a note
+    double gap = 0.0;      // way that the joint lacks [rad, m]
+    double changed = 0.0;  // time of the last change of its measured numbers [s]
+    Lack lacks[2];         // thresholds of the command's rest, and of a note
   };
 
   // Begin to compare anew.
