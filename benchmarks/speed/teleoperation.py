@@ -146,11 +146,11 @@ def _ours(s: Scene) -> Step:
     return step
 
 
-def placo_step(s: Scene, start: Vec, clock: Callable[[], int] = perf_counter_ns) -> Step:
-    """A tick of placo on the scene, from ``start``, timed by the clock [ns]."""
+def placo_model(s: Scene, start: Vec) -> tuple[Any, Any]:
+    """Module and placo's robot at a start, without meshes: they are no part of a tick."""
     placo: Any = importlib.import_module("placo")
     tree = ElementTree.parse(s.robot.source)
-    for link in tree.getroot().iter("link"):  # no meshes: they are no part of a tick
+    for link in tree.getroot().iter("link"):
         for shape in [*link.findall("collision"), *link.findall("visual")]:
             link.remove(shape)
     text = ElementTree.tostring(tree.getroot(), encoding="unicode")
@@ -160,6 +160,18 @@ def placo_step(s: Scene, start: Vec, clock: Callable[[], int] = perf_counter_ns)
     own[7:] = start[7:] if s.robot.floating else start
     model.state.q = own
     model.update_kinematics()
+    return placo, model
+
+
+def placo_sole(s: Scene, model: Any, sole: str) -> str:
+    """A sole's frame in placo's robot; the body of its joint if the file lacks the sole."""
+    joint = s.robot.model.frames[s.robot.frame(sole)].parentJoint
+    return sole if sole in model.frame_names() else str(s.robot.model.names[joint])
+
+
+def placo_step(s: Scene, start: Vec, clock: Callable[[], int] = perf_counter_ns, com: str = "hard") -> Step:
+    """A tick of placo on the scene, from ``start``, timed by the clock [ns]; com: priority of the CoM's task."""
+    placo, model = placo_model(s, start)
     solver = placo.KinematicsSolver(model)
     solver.dt = 1.0 / HZ
     if not s.robot.floating:
@@ -170,12 +182,10 @@ def placo_step(s: Scene, start: Vec, clock: Callable[[], int] = perf_counter_ns)
         task.configure(hand.frame, "soft", 1.0, 1.0)
         tasks.append(task)
     for sole in s.robot.landmarks.get("soles", ()) if s.robot.floating else ():
-        # a sole that is not in the file is fixed to its joint's body
-        joint = s.robot.model.frames[s.robot.frame(sole)].parentJoint
-        frame = sole if sole in model.frame_names() else s.robot.model.names[joint]
+        frame = placo_sole(s, model, sole)
         solver.add_frame_task(frame, model.get_T_world_frame(frame)).configure(frame, "hard", 1.0, 1.0)
     if s.robot.floating:
-        solver.add_com_task(model.com_world()).configure("com", "hard", 1.0)
+        solver.add_com_task(model.com_world()).configure("com", com, 1.0)
     posture = solver.add_joints_task()
     posture.set_joints({name: float(model.get_joint(name)) for name in model.joint_names()})
     posture.configure("posture", "soft", 1e-3)

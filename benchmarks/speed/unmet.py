@@ -84,10 +84,10 @@ class Loop:
 class Placo:
     """The loop's hands through placo's weighted program."""
 
-    def __init__(self, scene: teleoperation.Scene, aims: list[Mat]) -> None:
+    def __init__(self, scene: teleoperation.Scene, aims: list[Mat], com: str = "hard") -> None:
         self.aims, self.spent = aims, list[int]()
         self.q, self.v = scene.robot.home.copy(), np.zeros(scene.robot.nv)
-        self._step = teleoperation.placo_step(scene, self.q, thread_time_ns)
+        self._step = teleoperation.placo_step(scene, self.q, thread_time_ns, com)
 
     def step(self) -> None:
         """Run one step of placo's solver."""
