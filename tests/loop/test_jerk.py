@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
 from hqp.solvers.lexicographic import kernel
+from tests.scenes import soak
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 
@@ -279,3 +281,39 @@ def test_levels_above_refuse_it(formulation: Any) -> None:
 def test_what_is_no_jerk_is_refused(jerk: Any) -> None:
     with pytest.raises(DeclarationError, match="jerk"):
         t.JointLimits(jerk=jerk)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", soak.ROBOTS)
+def test_hostile_events_break_no_limit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """NaN, kicks, changes of stack, conflicts and goals out of reach; with rates the soak judges each change."""
+    rng, record = np.random.default_rng(len(name)), soak.Record()
+    jerk = float(np.exp(rng.uniform(np.log(30.0), np.log(3000.0))))
+    monkeypatch.setattr(soak, "JointLimits", partial(t.JointLimits, jerk=jerk))
+    for rates in (soak.RATES, None):
+        sent = soak.soak(soak.load(name), "velocity", 300, rng, record, rates)
+        commands = np.array([np.frombuffer(one) for one in sent])
+        robot = soak.load(name)
+        assert np.all(np.abs(commands) <= (1.0 + 1e-5) * robot.velocity_limit[robot.actuated])
+    assert record.ticks == 600
+
+
+@pytest.mark.parametrize(
+    "name", ["ur5", pytest.param("panda", marks=pytest.mark.slow), pytest.param("g1", marks=pytest.mark.slow)]
+)
+def test_behind_servos_delay_and_noise_it_is_as_exact_as_without(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo, position servos, states of three ticks ago with noise of 0.02 rad/s."""
+    pytest.importorskip("mujoco")
+    from tests.scenes import following
+
+    def off(jerk: float | None) -> float:
+        monkeypatch.setattr(following, "JointLimits", partial(t.JointLimits, jerk=jerk))
+        loop = following.Loop(name, "velocity", seed=3, late=3, noise=0.02, ticks=900).run()
+        sent = np.array(loop.commands)
+        if jerk is not None:
+            assert np.abs(np.diff(sent, 2, axis=0)).max() / DT**2 <= jerk * (1.0 + 1e-6)
+            assert max(int((np.diff(np.sign(c[np.abs(c) > 0.1])) != 0).sum()) for c in sent.T) <= 2
+        assert set(loop.statuses) == {Status.OPTIMAL}
+        return float(np.linalg.norm(loop.place() - loop.goal))
+
+    assert off(100.0) < off(None) + 1e-3
