@@ -36,13 +36,12 @@ def assign(slots: NDArray[np.int32], near: dict[int, float]) -> None:
     for k, pair in enumerate(slots.tolist()):
         if pair not in near:
             slots[k] = -1
+    held, free = set(slots.tolist()), np.flatnonzero(slots < 0).tolist()[::-1]
     for pair, margin in near.items():
-        if pair in slots:
+        if pair in held:
             continue
-        free = np.flatnonzero(slots < 0)
-        if free.size:
-            slots[free[0]] = pair
-            continue
-        widest = max(range(slots.size), key=lambda k: near[int(slots[k])])
-        if near[int(slots[widest])] > margin:
-            slots[widest] = pair
+        k = free.pop() if free else max(range(slots.size), key=lambda k: near[int(slots[k])])
+        if slots[k] < 0 or near[int(slots[k])] > margin:
+            held.discard(int(slots[k]))
+            held.add(pair)
+            slots[k] = pair

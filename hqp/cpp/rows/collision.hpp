@@ -53,6 +53,7 @@ class Collision final : public Operation {
         found_(5 * s_.pairs.size()),
         fade_(5 * s_.pairs.size(), 1.0),
         beside_(s_.pairs.size(), 0.0),
+        has_slot_(5 * s_.pairs.size(), false),
         old_(s_.rows, -1),
         deepest_(s_.chains.size() + s_.links.size() + s_.world.size(), 0.0) {
     for (std::size_t k = 0; k < s_.links.size(); ++k) {
@@ -195,20 +196,26 @@ class Collision final : public Operation {
 
   // A pair keeps its slot while it is near; others get free slots, then those of pairs with more way left.
   void assign() {
-    for (int k = 0; k < s_.rows; ++k)
+    for (int k = 0; k < s_.rows; ++k) {
       if (s_.slots[k] >= 0 && near_[s_.slots[k]] == kFar) s_.slots[k] = -1;
-    for (const int row : close_) {
-      if (std::find(s_.slots, s_.slots + s_.rows, row) != s_.slots + s_.rows) continue;
-      std::int32_t* free = std::find(s_.slots, s_.slots + s_.rows, -1);
-      if (free != s_.slots + s_.rows) {
-        *free = row;
-        continue;
-      }
-      int widest = 0;
-      for (int k = 1; k < s_.rows; ++k)
-        if (left_[s_.slots[k]] > left_[s_.slots[widest]]) widest = k;
-      if (left_[s_.slots[widest]] > left_[row]) s_.slots[widest] = row;
+      if (s_.slots[k] >= 0) has_slot_[s_.slots[k]] = true;
     }
+    int free = 0;  // slots before it are taken
+    for (const int row : close_) {
+      if (has_slot_[row]) continue;
+      while (free < s_.rows && s_.slots[free] >= 0) ++free;
+      int slot = free;
+      if (slot == s_.rows) {
+        slot = 0;
+        for (int k = 1; k < s_.rows; ++k)
+          if (left_[s_.slots[k]] > left_[s_.slots[slot]]) slot = k;
+        if (!(left_[s_.slots[slot]] > left_[row])) continue;
+        has_slot_[s_.slots[slot]] = false;
+      }
+      s_.slots[slot] = row;
+      has_slot_[row] = true;
+    }
+    for (const int row : close_) has_slot_[row] = false;
   }
 
   void write(int i, const double* v) {
@@ -345,6 +352,7 @@ class Collision final : public Operation {
   std::vector<Distance> found_;
   std::vector<double> fade_;        // share of rows of ends, 1 for others
   std::vector<double> beside_;      // share of a pair's rows of ends, 0 for none
+  std::vector<char> has_slot_;      // within assign: rows with a slot
   std::vector<std::string> names_;  // of pairs
   std::vector<RowName> last_;       // of rows
   std::vector<int> old_, close_;
