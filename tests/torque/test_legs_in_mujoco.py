@@ -1,4 +1,4 @@
-"""Robots on point feet in MuJoCo, with the frames of their files: they stand, shift, lift each foot."""
+"""Robots on point feet in MuJoCo, with the frames of their files: they stand, shift, lift each foot, step."""
 
 from __future__ import annotations
 
@@ -187,12 +187,21 @@ def test_generated_robots_stand_and_shift(tmp_path: Path, legs: int, tilt: Any, 
 @pytest.mark.parametrize("slope", [0.0, SLOPE])
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_quadrupeds_lift_every_foot(name: str, slope: float) -> None:
-    """Move the CoM above the other three feet first.
-
-    Each foot slips up to 10 mm as it takes the load: go2 on the slope 25 to 33 mm with impratio from 10 to 1000.
-    """
+    """Each foot slips up to 10 mm as it takes the load: go2 on the slope 25 to 33 mm with impratio from 10 to 1000."""
     robot = hqp.robots.load(name)
-    feet = robot.landmarks["feet"]
+    lift_every_foot(robot, robot.landmarks["feet"], slope)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slope", [0.0, SLOPE])
+@pytest.mark.parametrize("legs", [4, 6])
+def test_generated_robots_lift_every_foot(tmp_path: Path, legs: int, slope: float) -> None:
+    robot = legged(tmp_path / "legs.urdf", legs, (math.pi, 0.3, -2.0))
+    lift_every_foot(robot, tuple(f"foot_{k}" for k in range(legs)), slope)
+
+
+def lift_every_foot(robot: Any, feet: tuple[str, ...], slope: float) -> None:
+    """Move the CoM above the other feet first."""
     stance = Stance(robot, feet, slope, lifts=tuple((foot,) for foot in feet))
     stance.run(0.5)
     for foot in feet:
@@ -205,6 +214,32 @@ def test_quadrupeds_lift_every_foot(name: str, slope: float) -> None:
             stance.run(0.15, share * shift)
     assert stance.off() < 0.03
     assert stance.slip < 0.04
+
+
+@pytest.mark.parametrize("slope", [0.0, pytest.param(SLOPE, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), pytest.param((math.pi, 0.3, -2.0), marks=pytest.mark.slow)])
+def test_a_hexapod_steps_on_the_spot_on_three_feet(tmp_path: Path, tilt: Any, slope: float) -> None:
+    robot = legged(tmp_path / "legs.urdf", 6, tilt)
+    feet = tuple(f"foot_{k}" for k in range(6))
+    groups = feet[::2], feet[1::2]
+    stance = Stance(robot, feet, slope, lifts=groups)
+    stance.run(0.4)
+    for _ in range(4):
+        for group in groups:
+            stance.run(0.25, phase="+".join(group))
+            stance.run(0.1)
+    stance.run(0.4)
+    assert stance.off() < 0.02
+    assert stance.slip < 0.04
+    assert stance.statuses == {"OPTIMAL"}
+
+
+def test_a_trot_on_point_feet_is_refused_by_name() -> None:
+    """Two points leave the rotation about their line to no motor."""
+    robot = hqp.robots.load("go2")
+    front, back = robot.landmarks["feet"][0], robot.landmarks["feet"][3]
+    with pytest.raises(DeclarationError, match=f"{front}.*do not determine the motion"):
+        Stance(robot, robot.landmarks["feet"], lifts=((front, back),))
 
 
 @pytest.mark.parametrize(("pitch", "off"), [(0.0, 0), (0.3, 17), (math.pi / 2, 90), (math.pi, 180)])
