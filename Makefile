@@ -5,13 +5,19 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: paper corpus test-arm bench experiments soak test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: paper corpus test-arm bench experiments walking soak test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
 
 experiments: setup
 	$(BIN)/python -m benchmarks experiments --full --video
+
+# The table of docs/results/walking.md: RUNS runs of each cell, half a minute of CPU a run; CELLS='"g1, 0.2 m/s"' for one cell.
+RUNS ?= 2
+CELLS ?= all
+walking: setup
+	$(BIN)/python -m benchmarks experiments walking --cells $(CELLS) --runs $(RUNS) --jobs 2
 
 # A process for each core, one thread of BLAS in each; a file's tests stay together until a process has nothing to do.
 # Native parts are required: a broken build would fall back to pure Python silently.
