@@ -18,6 +18,7 @@ from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
+from hqp.policies.acceleration import Acceleration
 from hqp.policies.servo import Gains, Servos
 from hqp.programs.formulation import Velocity
 from hqp.robots.soles import sole
@@ -58,6 +59,7 @@ class UpperBody:
     of ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose
     torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
     joint_speed: largest of the joints [rad/s], at most their limits.
+    With torques base and legs keep their acceleration, by ``Acceleration`` unless a reference of ``legs`` has one.
     Payloads: ``step`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 
@@ -217,6 +219,9 @@ class UpperBodySession:
         self.balance, self.trunk, self.posture = (
             (stack.find(name) if name in stack else None) for name in ("balance", "trunk", "posture")
         )
+        self.legs: Any = stack.find("legs")
+        moved: Index = np.array(self.legs.selection(self.robot))
+        self._acceleration, self._still = Acceleration(moved, session.dt), np.zeros(moved.size)
         self._support: Any = stack.find("support") if "support" in stack else None
         self._feet = {} if self._support is None else declared.feet(self.robot)
         self._sent: tuple[Vec, Vec] | None = None
@@ -240,6 +245,8 @@ class UpperBodySession:
         torque = self.declared.output != "velocities"
         if not torque:
             state = self._commanded(state)
+        elif all(r.name != "legs" for r in references):
+            given.append(Reference("legs", self._still, None, self._acceleration.update(state)))
         tick = self.session.step(state, *given, now=now)
         if tick.refused:
             angles, _ = self._last(state)
@@ -287,6 +294,7 @@ class UpperBodySession:
     def begin(self) -> None:
         """Hand over at the next tick: the first command continues from the measured joints."""
         self._sent = None
+        self._acceleration.begin()
 
 
 __all__ = ["UpperBody", "UpperBodySession", "UpperBodyTick"]

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hqp
@@ -13,6 +14,7 @@ from hqp import Status, UpperBody
 from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
+from hqp.policies.acceleration import Acceleration
 from hqp.robots import Robot
 from tests.tasks.test_prescribed import legs_of, load, nearest
 
@@ -260,3 +262,30 @@ def test_declared() -> None:
     ):
         with pytest.raises(DeclarationError, match=what):
             bad()
+
+
+def test_joints_move_as_planned_on_a_base_that_is_shaken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torques drive the arms of Pinocchio's dynamics on a base that another controller shakes."""
+    robot = load("g1")
+    model, dt, off = robot.model, 0.005, {}
+    data = model.createData()
+    for known in (True, False):
+        if not known:
+            monkeypatch.setattr(Acceleration, "update", lambda self, state: np.zeros(self._now.size))
+        declared = UpperBody(legs=legs_of(robot), hands=robot.landmarks["palms"][:2], output="torques")
+        arms = declared.session(robot, dt, deadline=math.inf)
+        own, q, v, found = arms.columns, robot.home.copy(), np.zeros(robot.nv), []
+        goals = [hand.at(hand.value(robot.state(q))) for hand in arms.hands]
+        for k in range(300):
+            tick = arms.step(robot.state(q, v), *goals)
+            a = np.zeros(robot.nv)
+            a[1], a[2] = 2.0 * math.sin(3.0 * k * dt), 2.0 * math.sin(2.0 * k * dt)  # the base's, in its axes
+            M = pin.crba(model, data, q)
+            M = np.triu(M) + np.triu(M, 1).T
+            bias = pin.rnea(model, data, q, v, np.zeros(robot.nv)) + M @ a
+            a[own] = np.linalg.solve(M[np.ix_(own, own)], tick.torques - bias[own])
+            v = v + dt * a
+            q = robot.integrate(q, v, dt)
+            found.append(v[own] - tick.velocities)
+        off[known] = float(np.sqrt(np.mean(np.square(found))))
+    assert off[True] < 0.5 * off[False], off
