@@ -132,3 +132,18 @@ def test_a_pursuit_arrives_soon_and_does_not_pass_its_target(distance: float) ->
         way.append(pursuit.value[0])
     assert max(way) < 1.01 * distance
     assert way[-1] == pytest.approx(distance, rel=0.02)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.033, 0.1])
+def test_a_pursuit_in_long_periods_is_that_in_short_ones(period: float) -> None:
+    """A target that accelerates; periods are divided, so that both paths differ by their integration alone."""
+    acceleration = np.array([0.4, -0.2, 0.1])
+    coarse, fine = (Pursuit(VECTOR, np.zeros(3), (2.0, 2.0), (6.0, 6.0)) for _ in range(2))
+    for k in range(1, round(1.0 / period) + 1):
+        for pursuit, parts in ((coarse, 1), (fine, round(period / 0.001))):
+            for i in range(1, parts + 1):
+                t = (k - 1 + i / parts) * period
+                target = np.array([0.1, 0.05, 0.0]) + 0.5 * acceleration * t * t
+                pursuit.step(period / parts, target, acceleration * t, acceleration)
+        assert np.abs(coarse.value - fine.value).max() < 2e-3
+    assert np.abs(coarse.v - fine.v).max() < 0.02

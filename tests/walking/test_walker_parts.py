@@ -472,7 +472,10 @@ def test_go_and_stop_say_what_is_followed() -> None:
     part = SimpleNamespace(session=session, ability=made().ability, walking=False, command=Command(), why=())
     methods["go"](part, 0.1, 0.02, 0.1)
     assert (part.command, part.why, part.walking) == (Command(0.1, 0.02, 0.1), (), True)
+    methods["go"](part)
+    assert part.command == Command()
     methods["go"](part, 9.0)
+    assert (part.command.left, part.command.turn) == (0.0, 0.0)
     assert part.command.forward == pytest.approx(made().ability.reach.forward / (2.0 / 3.0 * made().gait.period))
     assert "knees" in part.why[0]
     methods["stop"](part)
