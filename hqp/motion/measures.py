@@ -27,10 +27,10 @@ class Measures:
 
     errors: by part, from target to robot ``(n,)`` [m, rad for torso, hips and soles].  slide: by side, speed along the
     ground of the supporting part of the foot ``(n - 1,)`` [m/s], NaN while it does not stand.  penetration: depth of
-    the deepest point below the floor ``(n,)`` [m].  clearance: least distance of two links ``(n,)`` [m], inf for a
-    robot without shapes.  acceleration ``(n - 2,)``, jerk ``(n - 3,)``: figures of the fastest joint [rad/s^2,
-    rad/s^3].  beyond: excess of joints over their limits ``(n,)`` [rad].  speed: fastest joint by its limit ``(n -
-    1,)``.
+    the deepest point below the floor ``(n,)`` [m].  clearance: least distance of two links ``(n,)`` [m], of capsules
+    that overlap at home beyond that overlap; inf for a robot without shapes.  acceleration ``(n - 2,)``, jerk
+    ``(n - 3,)``: figures of the fastest joint [rad/s^2, rad/s^3].  beyond: excess of joints over their limits ``(n,)``
+    [rad].  speed: fastest joint by its limit ``(n - 1,)``.
     """
 
     errors: dict[str, Vec]
@@ -132,7 +132,9 @@ def _slide(places: dict[str, Mat], mask: Mask, side: str, fps: float) -> Vec:
 
 
 def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[Vec, Vec]:
-    """Least distance of two links, and of a link other than a foot from the floor ``(n,)`` [m]."""
+    """Least distance of two links beyond the one that they have to keep, which is below 0 if their capsules overlap at
+    home, and of a link other than a foot from the floor ``(n,)`` [m].
+    """
     from hqp.tasks.collision_scene import scene
 
     n = len(bodies[0])
@@ -146,8 +148,9 @@ def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[
         p, R = bodies[0][:, capsule.body], bodies[1][:, capsule.body]
         ends.append((p + R @ np.array(capsule.a), p + R @ np.array(capsule.b)))
     least, lowest = np.full(n, np.inf), np.full(n, np.inf)
-    for i, j in pairs:
-        least = np.minimum(least, segments(*ends[i], *ends[j]) - capsules[i].radius - capsules[j].radius)
+    for (i, j), kept in zip(pairs, found.clearance.tolist(), strict=True):
+        apart = segments(*ends[i], *ends[j]) - capsules[i].radius - capsules[j].radius
+        least = np.minimum(least, apart - kept)
     above = set(stacks.links)
     for capsule, (a, b) in zip(capsules, ends, strict=True):
         if capsule.name in above:
