@@ -153,7 +153,8 @@ def _slowed(problem: Hierarchy, solution: Solution, k: int) -> Mat:
     found, above = [], Above.none(problem.n)
     for a, rows in enumerate(problem.levels[:k]):
         added, point = np.zeros((rows.m, problem.n)), _point(solution, a)
-        if point is not None and problem.turning is not None and not is_met(rows, point):
+        unmet = _price(problem, a) > 0.0 and point is not None and not is_met(rows, point)
+        if unmet and point is not None and problem.turning is not None:
             moved = F @ ((solution.x if own is None else own) - point)
             off = rows.slack(point)
             share = np.where(rows.equality, float(off @ off), off * off)

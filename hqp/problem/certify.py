@@ -85,8 +85,8 @@ def certificate(
 
     x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its bound a
     row still counts as active, relative to its terms.  stages: ``(levels, n)``, Solution.stage_points of a priced
-    problem; missing points (NaN) are computed by the reference solver, which is slow, or with ``settled`` assumed to be
-    met for their price by x.  Raises ProblemError for a wrong shape.
+    problem; missing points (NaN) are computed by the reference solver, which is slow, or with ``settled`` the levels
+    are assumed to be met for their price by x.  Raises ProblemError for a wrong shape.
     """
     x = np.asarray(x, dtype=np.float64)
     if x.shape != (problem.n,):

@@ -38,6 +38,9 @@ SINGLE = 1e-2
 STILL = 1e-9
 """Share of 1 + |z|: after a shorter step the rows that count as exceeded are certain."""
 
+SHRINKS = 0.1
+"""Share of the step before, on the same rows: a longer second step is rounding of nearly opposed rows."""
+
 
 def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
     """F ``(n, n)`` with F' F = metric, by pivoted Cholesky; zero rows where the metric is singular.
@@ -119,12 +122,12 @@ class Choice:
         self._still = x - self.Z @ self._z
         self._A, self._B, value = A, A @ self.Z, A @ x
         self._sees = row_lengths(self._B) > RANK_TOLERANCE * self._lengths
-        self.allowed = np.zeros(self._sees.size)
+        self.allowed, self._size = np.zeros(self._sees.size), float(np.linalg.norm(x))
+        self._within = x
         if not self.Z.shape[1]:
             return
-        nothing = np.zeros(self._sees.size, dtype=bool)
-        y = self._point(HARD, nothing, 0.0)
-        size = float(np.linalg.norm(x))
+        self._within = y = self._point(HARD, np.zeros(self._sees.size, dtype=bool), INSET)
+        size = self._size
         if not self._beyond(A @ y)[self._sees].any():  # else the levels violate some
             size = max(size, float(np.linalg.norm(y)))
         self.allowed = SOFTNESS * size * self._lengths * self._sees
@@ -146,7 +149,7 @@ class Choice:
 
         Rows that hold a level are at their bounds there to about INSET of their terms.
         """
-        return self._point(HARD, self._broken, INSET) if self.Z.shape[1] else self._x
+        return self._point(HARD, self._broken, INSET) if self.Z.shape[1] and self._broken.any() else self._within
 
     def _point(self, softness: float, broken: Mask, inset: float) -> Vec:
         off = inset * (self._lengths + np.abs(self._A) @ np.abs(self._x))
@@ -167,16 +170,19 @@ def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:
 
     side: rows that count as exceeded. The excess of a stiff row is less than rounding of its bound: the step tells it.
     """
-    side = np.sign(B @ z - np.clip(B @ z, lower, upper))
+    side, last = np.sign(B @ z - np.clip(B @ z, lower, upper)), np.inf
     for _ in range(100):
         value, out = B @ z, side != 0.0
         beyond = value - np.where(side > 0.0, upper, np.where(side < 0.0, lower, 0.0))
         step = _newton(B[out], weight[out], beyond[out], z)
-        slope, small = B @ step, float(np.linalg.norm(step)) <= STILL * (1.0 + float(np.linalg.norm(z)))
+        slope, length = B @ step, float(np.linalg.norm(step))
         off = value + slope - np.clip(value + slope, lower, upper)
         stays = out & (side * (beyond + slope) >= 0.0)
         there = np.where(stays, side, np.sign(off) * (np.abs(off) > ROUNDING * (1.0 + np.abs(value))))
         same = np.array_equal(there, side)
+        small = length <= STILL * (1.0 + float(np.linalg.norm(z)))
+        ended = same and (small or length > SHRINKS * last)
+        last = length if same else np.inf
 
         def rise(far: Vec, z: Vec = z, step: Vec = step, value: Vec = value, slope: Vec = slope) -> Vec:
             """Derivative of the function along the step, at each share of it."""
@@ -186,7 +192,7 @@ def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:
 
         if same or small or rise(np.ones(1))[0] <= 0.0:
             z, side = z + step, there
-            if same and small:
+            if ended:
                 break
             continue
         with np.errstate(divide="ignore", invalid="ignore"):

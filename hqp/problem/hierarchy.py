@@ -510,8 +510,8 @@ class Solution:
     x: ``(n,)``.  residuals: the slack w_k of each level, ``(m_k,)``, computed from (problem, x).  active: per level
     ``(m_k,)`` int8, -1 at or below lower, +1 at or above upper, 0 free, 2 equality.  multipliers: if requested from the
     solver, per level k ``(m_0 + ... + m_k,)`` with sum_j A_j' lambda_kj = 0, lambda_kk = w_k, lambda_kj >= 0 at upper
-    and <= 0 at lower sides.  stage_points: ``(levels, n)``, the optimum x_k of each priced level in its own stage (NaN
-    where it was not needed: the level has no price, or is met for its price by x), None for an answer without prices.
+    and <= 0 at lower sides.  stage_points: ``(levels, n)``, the optimum x_k of each level in its own stage (NaN
+    without a stage: a priced level met for its price by x, another with no unmet level above), None without prices.
     """
 
     x: Vec

@@ -11,8 +11,8 @@ numbers, and the turning term is large far out of reach: each is known only as a
 check allows the resulting error. If rows of the level or of anchors differ in length, and the level is not met, they
 are judged row by row (hqp.problem.graded).
 
-A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
-the reference solver finds from the rows.
+A level without a price below unmet ones is judged at its stage point, if the solver returned it, or at the answer; if
+both are refused, at the point that the reference solver finds from the rows.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ ENDED = 1e-15
 class Stage:
     """Verdict on one stage point.
 
-    multipliers: ``(m_0 + ... + m_k,)``, of the rows above and then u.  free: directions that S_{k-1} leaves.  rounding:
-    possible effect of rounding of the rows above on the gap, see Certificate.
+    multipliers: ``(m_0 + ... + m_k,)``, of the rows above and then u.  free: directions that S_{k-1} leaves, n above
+    the first unmet level.  rounding: possible effect of rounding of the rows above on the gap, see Certificate.
     """
 
     x: Vec
@@ -61,8 +61,8 @@ class Walk:
     """Yield the stages of a hierarchy from first to last, each below the results of those before it."""
 
     def __init__(self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool) -> None:
-        """x: the answer.  known: ``(levels, n)`` stage points of priced levels, NaN where they are to be found by the
-        reference solver, or with ``settled`` are believed to be x."""
+        """x: the answer.  known: ``(levels, n)`` stage points, NaN if the reference solver is to find them, or with
+        ``settled`` if those of priced levels are believed to be x."""
         self._problem, self._x, self._tolerance, self._settled = problem, x, tolerance, settled
         self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
         self._at = Coordinates.of(problem.motion, problem.n)
@@ -108,9 +108,11 @@ class Walk:
     def _unpriced(self, k: int, rows: Rows) -> Stage:
         if not self._above.anchors or not _asks(rows, self._x.size):
             return self._unjudged(k, self._x)
-        stage = self.judged(k, rows, self._x, 0.0)
-        if stage.gap <= self._tolerance + stage.rounding:
-            return stage
+        points = [self._x] if np.isnan(self._known[k, 0]) else [self._known[k], self._x]
+        for point in points:
+            stage = self.judged(k, rows, point, 0.0)
+            if stage.gap <= self._tolerance + stage.rounding:
+                return stage
         return self.judged(k, rows, self._solve(rows, 0.0), 0.0)
 
     def _solve(self, rows: Rows, price: float) -> Vec:
@@ -119,8 +121,9 @@ class Walk:
         return solve_level(rows, self._above, x, price, self._at) if far else x
 
     def _unjudged(self, k: int, x: Vec) -> Stage:
-        free = _judge(self._above, self._at, x, self._tolerance).Z.shape[1]
         unmet = self._problem.priced[k] and not is_met(self._problem.levels[k], x)
+        exact = not unmet and not self._above.anchors  # the conditions at the answer count its directions
+        free = x.size if exact else _judge(self._above, self._at, x, self._tolerance).Z.shape[1]
         return Stage(x, 0.0, np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1])), free, unmet)
 
     def judged(self, k: int, rows: Rows, x: Vec, price: float) -> Stage:

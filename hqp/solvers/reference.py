@@ -13,6 +13,7 @@ from hqp.problem import Hierarchy, Motion, Rows, Shape, Solution, Stats, Status
 from hqp.problem.certify import certificate
 from hqp.problem.definition import Levels, Limits
 from hqp.problem.null_directions import without_rounding
+from hqp.problem.pricing import is_met
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.flat import Flat
 from hqp.tolerances import RANK_TOLERANCE
@@ -75,15 +76,18 @@ class ReferenceWorkspace:
         return finish(problem, x, status, stats, detail, stages)
 
     def _found(self, problem: Hierarchy) -> tuple[Vec, Mat | None, Levels]:
-        """The answer, the stage points of priced levels, and how it went."""
+        """The answer, the stage points, and how it went."""
         solver = self._solver
         limits = Limits(solver.rank_tolerance, solver.max_iterations, solver.factorisations)
         run = Levels(without_rounding(problem), limits)
         points = run.points()
         if not problem.priced:
             return points[-1], None, run
-        stages = points[: len(problem.levels)].copy()
-        stages[~np.array(problem.priced)] = np.nan
+        stages, exact = points[: len(problem.levels)].copy(), True  # above all unmet levels
+        for k, (rows, priced) in enumerate(zip(problem.levels, problem.priced, strict=True)):
+            exact = exact and not (priced and not is_met(rows, stages[k]))
+            if exact and not priced:
+                stages[k] = np.nan
         return points[-1], stages, run
 
 

@@ -98,8 +98,8 @@ class StageLevels final : public PricedStages {
         above_.anchor(k, x_.data());
         if (!above_.anchored(k) && met)
           settled_.begin_with(k, stage_.active(k));  // it ended at the point of least motion
-        std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       }
+      if (priced || levels_.bounded(k)) std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       if (above_.anchors().empty() && unmet) return -2;
     }
     if (above_.anchors().empty() && stage_.ended()) return -1;  // every level hands down its rows as they are

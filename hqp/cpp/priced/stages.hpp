@@ -70,7 +70,7 @@ class PricedStages {
   virtual void bind(const Law& law, const Completion& completion) = 0;
   // x: the exact answer of all levels, or of those above level `prefix` if that is not 0, or null: begin on the last
   // active set of that level.  Return the first unsettled level, -1 without one; stages (levels, n) then hold the
-  // points of priced levels from that one on (NaN elsewhere), and last the answer.  Return -2 if level `prefix` is met,
+  // points of the stages from that one on (NaN elsewhere), and last the answer.  Return -2 if level `prefix` is met,
   // so that the exact answer of all levels is needed, if that active set fails, or if rows are not finite.  seconds:
   // time after which a stage returns its current point, 0 for no limit.
   virtual int solve(const double* x, int prefix, double seconds, double* stages, double* last) = 0;
