@@ -52,7 +52,8 @@ FEASIBILITY_TOLERANCE = 1e-11
 """Share of the terms of a row: a bound exceeded by less than this fraction is met while solving."""
 
 VIOLATION_TOLERANCE = 1e-8
-"""A constraint row counts as violated above this slack [unit of the row], relative to 1 + |bound|."""
+"""A constraint row counts as violated above this slack [unit of the row], relative to 1 + |bound|, and
+FEASIBILITY_TOLERANCE of its length times ||x||: no solve meets it better."""
 
 ACTIVITY_TOLERANCE = 1e-9
 """An inequality row counts as active within this distance of its bound [unit of the row], relative to 1 + |bound|."""

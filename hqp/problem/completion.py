@@ -22,7 +22,14 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, longest_row, right_vectors, row_lengths
 from hqp.problem import Hierarchy, Rows, Selection
-from hqp.tolerances import METRIC_TOLERANCE, RANK_TOLERANCE, ROUNDING, SOFTNESS, VIOLATION_TOLERANCE
+from hqp.tolerances import (
+    FEASIBILITY_TOLERANCE,
+    METRIC_TOLERANCE,
+    RANK_TOLERANCE,
+    ROUNDING,
+    SOFTNESS,
+    VIOLATION_TOLERANCE,
+)
 
 HARD = 1e-11
 """A softness that keeps rows to their bounds but for rounding."""
@@ -138,7 +145,8 @@ class Choice:
     def _beyond(self, value: Vec) -> Mask:
         """Mask of rows that these values violate by more than is allowed."""
         nearest = np.clip(value, self._lower, self._upper)
-        return np.asarray(np.abs(value - nearest) > VIOLATION_TOLERANCE * (1.0 + np.abs(nearest)) + self.allowed)
+        slop = VIOLATION_TOLERANCE * (1.0 + np.abs(nearest)) + self.allowed
+        return np.asarray(np.abs(value - nearest) > slop + FEASIBILITY_TOLERANCE * self._size * self._lengths)
 
     def minimum(self) -> Vec:
         """The answer, ``(n,)``."""

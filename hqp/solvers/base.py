@@ -10,11 +10,11 @@ from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Mat, Signs, Vec
+from hqp.arrays import Mat, Signs, Vec, row_lengths
 from hqp.errors import DeclarationError, ProblemError, UnsupportedProblem
 from hqp.problem import EQUALITY, Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.problem.completion import allowed
-from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
+from hqp.tolerances import ACTIVITY_TOLERANCE, FEASIBILITY_TOLERANCE, VIOLATION_TOLERANCE
 
 UNSURE = "a rank decision was uncertain"
 """Detail of an answer that is RANK_UNCERTAIN, where a violated constraint has its status."""
@@ -184,12 +184,15 @@ def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs
 
 
 def violated(problem: Hierarchy, residuals: tuple[Vec, ...], x: Vec) -> bool:
-    """Return true if a row of the leading constraint levels is violated at x by more than VIOLATION_TOLERANCE, and by
-    more than the completion may exceed it."""
+    """Return true if a row of the leading constraint levels is violated at x (VIOLATION_TOLERANCE), and by more than the
+    completion may exceed it."""
     off = [np.zeros(0)]
     for rows, w in zip(problem.levels[: problem.constraints], residuals, strict=False):
         bound = np.where(w > 0.0, rows.upper, np.where(w < 0.0, rows.lower, 0.0))
-        off.append(np.abs(w) - VIOLATION_TOLERANCE * (1.0 + np.abs(bound)))
+        slop = VIOLATION_TOLERANCE * (1.0 + np.abs(bound))
+        if np.any(np.abs(w) > slop):  # lengths are seldom needed
+            slop += FEASIBILITY_TOLERANCE * float(np.linalg.norm(x)) * row_lengths(rows.dense(x.size))
+        off.append(np.abs(w) - slop)
     return exceeded(problem, np.concatenate(off), x)
 
 

@@ -7,11 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from hqp.arrays import Mask, Mat, Signs, Vec
+from hqp.arrays import Mask, Mat, Signs, Vec, row_lengths
 from hqp.problem import EQUALITY, Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.problem.completion import metric_factor
 from hqp.solvers.base import UNSURE, check_shape, exceeded
-from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
+from hqp.tolerances import ACTIVITY_TOLERANCE, FEASIBILITY_TOLERANCE, VIOLATION_TOLERANCE
 
 _Array = TypeVar("_Array", Vec, Signs)
 
@@ -127,7 +127,10 @@ class Flat:
         marks[self.equality[:own]] = EQUALITY
         if problem.constraints and status.solved:
             stop = self.stops[problem.constraints - 1]
-            if exceeded(problem, np.abs(w[:stop]) - VIOLATION_TOLERANCE * (1.0 + np.abs(nearest[:stop])), x):
+            off = np.abs(w[:stop]) - VIOLATION_TOLERANCE * (1.0 + np.abs(nearest[:stop]))
+            if np.any(off > 0.0):
+                off -= FEASIBILITY_TOLERANCE * float(np.linalg.norm(x)) * row_lengths(self.A[:stop])
+            if exceeded(problem, off, x):
                 detail = detail or (UNSURE if status is Status.RANK_UNCERTAIN else "")
                 status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
         return Solution(x, status, self._split(w), self._split(marks), stats, detail)

@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "../solver/violated.hpp"
 #include "account.hpp"
 #include "choice.hpp"
 #include "hand_down.hpp"
@@ -112,7 +113,7 @@ class StageLevels final : public PricedStages {
   }
 
   bool describe(const double* x, int constraints, const double* allowed, double* slacks, std::int8_t* marks) override {
-    bool violated = false;
+    bool off = false;
     for (int k = 0; k < levels_.count(); ++k) {
       const PricedLevel& level = levels_[k];
       for (int i = 0; i < level.m; ++i, ++slacks, ++marks) {
@@ -121,13 +122,11 @@ class StageLevels final : public PricedStages {
         const bool at_upper = value >= high - tolerances_.activity * (1.0 + std::abs(high));
         const bool at_lower = value <= low + tolerances_.activity * (1.0 + std::abs(low));
         *marks = low == high ? 2 : at_upper ? 1 : at_lower ? -1 : 0;
-        if (k < constraints && *slacks != 0.0)
-          violated =
-              violated || std::abs(*slacks) > tolerances_.violation * (1.0 + std::abs(*slacks > 0.0 ? high : low)) +
-                                                  (allowed ? allowed[levels_.first(k) + i] : 0.0);
+        if (k < constraints && *slacks != 0.0 && !off)
+          off = violated(level, i, *slacks, allowed ? allowed[levels_.first(k) + i] : 0.0, x, n_);
       }
     }
-    return violated;
+    return off;
   }
 
  private:

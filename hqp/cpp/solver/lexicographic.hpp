@@ -4,6 +4,7 @@
 #include "active_set.hpp"
 #include "kernel.hpp"
 #include "soft_choice.hpp"
+#include "violated.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -80,7 +81,7 @@ class Lexicographic final : public Kernel {
     const Table& t = state_.problem.table;
     for (int i = 0; i < n_; ++i) answer.x[i] = x_[i];
     int out = 0;
-    bool violated = false;
+    bool off = false;
     for (int k = 0; k < problem.count; ++k) {
       const Level& level = problem.levels[k];
       const bool constraint = k < problem.constraints;
@@ -93,13 +94,11 @@ class Lexicographic final : public Kernel {
         if (l == u) answer.active[out] = kEquality;
         else if (u < kInfinity && a >= u - kActive * (1.0 + std::fabs(u))) answer.active[out] = kUpper;
         else answer.active[out] = l > -kInfinity && a <= l + kActive * (1.0 + std::fabs(l)) ? kLower : kFree;
-        if (constraint && w != 0.0)
-          violated = violated ||
-                     std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l)) + (allowed ? allowed[out] : 0.0);
+        if (constraint && w != 0.0 && !off) off = violated(level, i, w, allowed ? allowed[out] : 0.0, x_.data(), n_);
       }
     }
     answer.unsure = set_.settled && answer.outcome == Outcome::optimal;
-    if (!violated || answer.outcome > Outcome::rank_uncertain) return;
+    if (!off || answer.outcome > Outcome::rank_uncertain) return;
     answer.unsure = answer.unsure || answer.outcome == Outcome::rank_uncertain;
     answer.outcome = Outcome::constraints_violated;
   }

@@ -12,11 +12,10 @@
 #include "dense.hpp"
 #include "metric_root.hpp"
 #include "problem.hpp"
+#include "violated.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-constexpr double kViolated = 1e-8;  // a constraint is violated above this slack, relative to 1 + |bound|
 
 class SoftChoice {
  public:
@@ -186,6 +185,7 @@ class SoftChoice {
   // violated by more than `most`, by which a soft one may be, keeps its value.
   void gather(const Problem& problem, double softness, double most, bool hard, const double* x) {
     count_ = read_ = 0;
+    const double size = std::sqrt(dot_any(x, x, n_) + dot_any(z_.data(), z_.data(), free_));
     for_each(problem, 0, problem.constraints, [&](const double* a, double low, double high) {
       const double length = rooms_[read_++] = room(a);
       if (length == 0.0 || (low == -INFINITY && high == INFINITY)) return;
@@ -194,7 +194,8 @@ class SoftChoice {
       const double base = dot_any(a, x, n_), value = base + length * dot_any(b, z_.data(), free_);
       const double off = value > high ? value - high : value < low ? value - low : 0.0;
       soft_[count_] = hard ? smaller(softness, kHard) : entries(a) == 1 ? kSingle * softness : softness;
-      if (std::fabs(off) > kViolated * (1.0 + std::fabs(off > 0.0 ? high : low)) + most * length) {
+      const double bound = std::fabs(off > 0.0 ? high : low);
+      if (std::fabs(off) > kViolated * (1.0 + bound) + (most + kMet * size) * length) {
         (off > 0.0 ? high : low) = value;
         soft_[count_] = smaller(softness, kHard);
       }
