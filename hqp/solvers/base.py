@@ -184,8 +184,8 @@ def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs
 
 
 def violated(problem: Hierarchy, residuals: tuple[Vec, ...], x: Vec) -> bool:
-    """Return true if a row of the leading constraint levels is violated at x (VIOLATION_TOLERANCE), and by more than the
-    completion may exceed it."""
+    """Return true if a row of the leading constraint levels is violated at x (VIOLATION_TOLERANCE), and by more than
+    the completion may exceed it."""
     off = [np.zeros(0)]
     for rows, w in zip(problem.levels[: problem.constraints], residuals, strict=False):
         bound = np.where(w > 0.0, rows.upper, np.where(w < 0.0, rows.lower, 0.0))
