@@ -27,9 +27,12 @@ def scene(name: str, formulation: str = "velocity", price: float | None = None) 
     """A session without a deadline, because cut answers cannot be compared, and the references of its ticks."""
     robot = hqp.robots.load(name)
     marks = robot.landmarks
-    frame = (marks.get("palms") or marks.get("tools") or robot.frame_names[-1:])[-1]
+    points = marks.get("feet", ())  # of a quadruped, which moves its base
+    own = marks.get("base", robot.frame_names[1:2]) if points else ()
+    frame = (marks.get("palms") or marks.get("tools") or own or robot.frame_names[-1:])[-1]
     hand = t.Position(frame=frame, name="hand")
-    feet = [t.FixedContact(frame=sole) for sole in marks.get("soles", ())]
+    feet: list[Any] = [t.FixedContact(frame=sole) for sole in marks.get("soles", ())]
+    feet += [t.PointContact(frame=foot) for foot in points]
     balance = [t.Com(axes="xy", name="balance")] if feet else []
     held: list[hqp.Element] = [t.JointLimits(), *feet, *robot.couplings, *(HELD if name == "dreamer" else ())]
     if formulation == "torque":

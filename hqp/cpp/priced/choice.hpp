@@ -38,6 +38,34 @@ class Choice {
 
   // Z (free, n), orthonormal, to be filled before begin().
   double* basis() { return Z_.data(); }
+  // Take count directions (count, n), orthonormal, out of the basis, which spans them; return how many are left.
+  int reduce(int free, const double* unseen, int count) {
+    for (int q = 0; q < free; ++q) {
+      double* z = &Z_[static_cast<std::size_t>(q) * n_];
+      for (int pass = 0; pass < 2; ++pass)
+        for (int k = 0; k < count; ++k) {
+          const double* u = unseen + static_cast<std::ptrdiff_t>(k) * n_;
+          add_any(z, u, -dot_any(u, z, n_), n_);
+        }
+    }
+    if (!count) return free;
+    const int left = std::max(free - count, 0);
+    for (int found = 0; found < left; ++found) {  // the longest remainder first
+      double* to = &Z_[static_cast<std::size_t>(found) * n_];
+      double *best = to, most = -1.0;
+      for (int q = found; q < free; ++q) {
+        double* z = &Z_[static_cast<std::size_t>(q) * n_];
+        if (const double size = dot_any(z, z, n_); size > most) most = size, best = z;
+      }
+      if (best != to) std::swap_ranges(to, to + n_, best);
+      scale(to, n_, 1.0 / std::sqrt(most));
+      for (int q = found + 1; q < free; ++q) {
+        double* z = &Z_[static_cast<std::size_t>(q) * n_];
+        for (int pass = 0; pass < 2; ++pass) add_any(z, to, -dot_any(to, z, n_), n_);
+      }
+    }
+    return left;
+  }
   // From x (n) on, without rows.
   void begin(int free, const double* x) {
     free_ = free;

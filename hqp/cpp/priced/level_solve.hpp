@@ -143,7 +143,12 @@ class LevelSolve final : public SolveCall {
   int follow(const double* x, int prefix) {
     if (!has_prices_) return -1;
     const int first = stages_->solve(x, prefix, left(), points_.data(), end_.data());
-    if (first >= 0 && stages_->ended()) exact_.choose(end_.data(), false);
+    if (first >= 0 && stages_->ended()) {
+      int count = 0;
+      const double* const unseen = exact_.unseen(count);
+      stages_->complete(unseen, count, end_.data());
+      exact_.choose(end_.data(), false);
+    }
     staged_ = first >= 0 && stages_->ended();
     source_ = first < 0 || (staged_ && x) ? prefix : kNone;
     prefix_ = std::max(first, 0);

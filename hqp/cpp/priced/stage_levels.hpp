@@ -104,12 +104,22 @@ class StageLevels final : public PricedStages {
       if (above_.anchors().empty() && unmet) return -2;
     }
     if (above_.anchors().empty() && stage_.ended()) return -1;  // every level hands down its rows as they are
-    finish();
-    // values that were taken far from the answer have the rounding of that place
-    const double here = 1.0 + std::sqrt(dot_any(x_.data(), x_.data(), n_));
-    far_ = tolerances_.met * above_.taken_at() > tolerances_.accurate * here;
+    look_from(x_.data());
     std::copy(x_.begin(), x_.end(), last);
     return first;
+  }
+
+  void complete(const double* unseen, int count, double* x) override {
+    if (!stage_.left()) return;
+    const int free = choice_.reduce(stage_.left()->basis(false, choice_.basis()), unseen, count);
+    if (!free) return;
+    choice_.begin(free, x);
+    above_.each(levels_.count(), [&](int l, int i, double low, double high, const Anchor*) {
+      choice_.add(levels_.row(l, i), low, high);
+    });
+    ++completed_;
+    inexact_ = !choice_.take(completion_.metric, completion_.origin, x);
+    look_from(x);
   }
 
   bool describe(const double* x, int constraints, const double* allowed, double* slacks, std::int8_t* marks) override {
@@ -146,15 +156,9 @@ class StageLevels final : public PricedStages {
     return true;
   }
 
-  // Complete the answer if the last level leaves a choice: hard and anchored rows stay as they are.
-  void finish() {
-    if (!stage_.ended() || !stage_.left()) return;
-    choice_.begin(stage_.left()->basis(false, choice_.basis()), x_.data());
-    above_.each(levels_.count(), [&](int l, int i, double low, double high, const Anchor*) {
-      choice_.add(levels_.row(l, i), low, high);
-    });
-    ++completed_;
-    inexact_ = !choice_.take(completion_.metric, completion_.origin, x_.data());
+  // Values that were taken far from the answer x (n) have the rounding of that place.
+  void look_from(const double* x) {
+    far_ = tolerances_.met * above_.taken_at() > tolerances_.accurate * (1.0 + std::sqrt(dot_any(x, x, n_)));
   }
 
   int n_, last_ = -1;  // last_: the last level that may have a price

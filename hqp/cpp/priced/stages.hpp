@@ -74,6 +74,9 @@ class PricedStages {
   // so that the exact answer of all levels is needed, if that active set fails, or if rows are not finite.  seconds:
   // time after which a stage returns its current point, 0 for no limit.
   virtual int solve(const double* x, int prefix, double seconds, double* stages, double* last) = 0;
+  // Move x (n), the answer of the latest solve, if that ended, along directions that its last level leaves, to the
+  // least length by the metric; unseen (count, n), orthonormal, are not among them.
+  virtual void complete(const double* unseen, int count, double* x) = 0;
   // Write slacks and marks of all rows at x, see Solution; true if one of the first `constraints` levels is violated.
   // allowed: by how much each of their rows may be, or null.
   virtual bool describe(const double* x, int constraints, const double* allowed, double* slack, std::int8_t* marks) = 0;

@@ -199,9 +199,14 @@ class Batch {
     stages.bind(laws_[i], {problem.metric, problem.origin});
     stages.reset();
     if (stages.solve(worker.hard.data(), 0, 0.0, points, worker.last.data()) < 0) return;
-    answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
     std::copy(worker.last.begin(), worker.last.end(), answer.x);
-    if (stages.ended()) worker.kernel->choose(problem, options_, answer.x, false);
+    if (stages.ended()) {
+      int count = 0;
+      const double* const unseen = worker.kernel->unseen(problem, options_, count);
+      stages.complete(unseen, count, answer.x);
+      worker.kernel->choose(problem, options_, answer.x, false);
+    }
+    answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
     const double* allowed = worker.kernel->allowed();
     answer.unsure =
         stages.describe(answer.x, problem.constraints, allowed, answer.slack, answer.active) || answer.unsure;

@@ -51,6 +51,8 @@ class BoundKernel {
   }
   // x (n) moves to the soft choice, or with `hard` to a point within the rows.
   void choose(double* x, bool hard) { kernel_->choose(problem, options, x, hard); }
+  // Directions (count, n) of the soft choice, orthonormal; choose() must follow.
+  const double* unseen(int& count) { return kernel_->unseen(problem, options, count); }
   // By how much each row of the constraints may be exceeded at the latest choice; null if by nothing.
   const double* allowed() { return kernel_->allowed(); }
   void reset(bool plain) { kernel_->reset(plain); }

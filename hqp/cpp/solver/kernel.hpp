@@ -14,6 +14,8 @@ class Kernel {
   virtual bool write_multipliers(const Problem& problem, Answer& answer) = 0;
   // x (n) moves to the soft choice (soft_choice.hpp), or with `hard` to a point within the rows.
   virtual void choose(const Problem& problem, const Options& options, double* x, bool hard) = 0;
+  // Directions (count, n) of the soft choice, orthonormal; choose() must follow.
+  virtual const double* unseen(const Problem& problem, const Options& options, int& count) = 0;
   // By how much each row of the constraints may be exceeded at the latest choice; null if by nothing.
   virtual const double* allowed() = 0;
   virtual void keep(CarryOver& warm) = 0;  // the warm start

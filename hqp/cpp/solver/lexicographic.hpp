@@ -53,6 +53,10 @@ class Lexicographic final : public Kernel {
   void choose(const Problem& problem, const Options& options, double* x, bool hard) override {
     choice_.take(problem, options.softness, x, hard);
   }
+  const double* unseen(const Problem& problem, const Options& options, int& count) override {
+    count = choice_.unseen(problem, options.softness);
+    return choice_.directions();
+  }
   const double* allowed() override { return choice_.allowed(); }
 
   bool write_multipliers(const Problem& problem, Answer& answer) override {

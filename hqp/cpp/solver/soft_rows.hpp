@@ -1,0 +1,181 @@
+// min 1/2 |z|^2 + sum of squared excesses of rows, each divided by 2 softness^2. It is strictly convex: an error e of a
+// row moves z by at most e / (2 softness), however many rows are at their bounds and however little they differ.
+// Newton's method: on the rows exceeded this is a least-squares problem (Householder, longest rows first).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "dense.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+class SoftRows {
+ public:
+  static constexpr double kHard = 1e-11;  // a softness that keeps rows to their bounds but for rounding
+
+  SoftRows(int n, int rows) {
+    const std::size_t width = static_cast<std::size_t>(n), all = static_cast<std::size_t>(rows);
+    for (auto* part : {&z_, &step_}) part->resize(width);
+    for (auto* part : {&low_, &high_, &base_, &value_, &slope_, &soft_, &length_}) part->resize(all);
+    rows_.resize(all * width);
+    M_.resize((all + width) * (width + 1));
+    side_.resize(all);
+    order_.resize(std::max(all, width));
+  }
+
+  // Of `free` variables, without rows; z is to be filled.
+  void begin(int free) { free_ = free, count_ = 0; }
+  double* z() { return z_.data(); }
+  // Coefficients (free) of the next row, to be filled before add().
+  double* next() { return &rows_[static_cast<std::size_t>(count_) * free_]; }
+  // low <= base + next() z <= high; length: the row's before it was divided by it.
+  void add(double base, double low, double high, double soft, double length) {
+    base_[count_] = base, low_[count_] = low, high_[count_] = high;
+    soft_[count_] = soft, length_[count_++] = length;
+  }
+
+  // z goes to the minimum; false if it is not found.
+  bool minimise() {
+    look();
+    for (int k = 0; k < count_; ++k) {
+      const double out = off(k, value_[k]);
+      side_[k] = out > 0.0 ? 1 : out < 0.0 ? -1 : 0;
+    }
+    double last = INFINITY;  // the square of the step before, on the same rows
+    for (int round = 0; round < kRounds && solve(); ++round) {
+      for (int k = 0; k < count_; ++k) slope_[k] = dot_any(row(k), step_.data(), free_);
+      const double length = dot_any(step_.data(), step_.data(), free_), size = dot_any(z_.data(), z_.data(), free_);
+      const bool small = length <= kStill * kStill * (1.0 + size);
+      double far = 1.0, low = 0.0;
+      if (!small && rise(1.0) > 0.0)
+        for (int half = 0; half < kHalvings; ++half) {
+          const double middle = 0.5 * (low + far);
+          (rise(middle) > 0.0 ? far : low) = middle;
+        }
+      const bool other = arrive(), whole = !other || far == 1.0;
+      if (!whole) pass(far);
+      add_any(z_.data(), step_.data(), whole ? 1.0 : far, free_);
+      look();
+      if (!other && (small || length > kShrinks * kShrinks * last)) return true;
+      last = other ? INFINITY : length;
+    }
+    return false;
+  }
+
+  // Return true if no row is violated at z, by this share of 1 + |bound| before its division by its length.
+  bool kept(double share) const {
+    for (int k = 0; k < count_; ++k) {
+      const double out = off(k, value_[k]), bound = out > 0.0 ? high_[k] : low_[k];
+      if (std::fabs(out) > share * (1.0 / length_[k] + std::fabs(bound))) return false;
+    }
+    return true;
+  }
+
+ private:
+  static constexpr double kStill = 1e-9;      // a step after which the rows that count as exceeded are certain
+  static constexpr double kShrinks = 0.1;     // share of the step before: a longer one on the same rows is rounding
+  static constexpr double kRounding = 1e-15;  // of a row, relative to its terms
+  static constexpr int kRounds = 100, kHalvings = 60;
+
+  const double* row(int k) const { return &rows_[static_cast<std::size_t>(k) * free_]; }
+
+  double off(int k, double value) const {
+    return value > high_[k] ? value - high_[k] : value < low_[k] ? value - low_[k] : 0.0;
+  }
+
+  // value_ at z_.
+  void look() {
+    for (int k = 0; k < count_; ++k) value_[k] = base_[k] + dot_any(row(k), z_.data(), free_);
+  }
+  double bound(int k) const { return side_[k] > 0 ? high_[k] : low_[k]; }
+
+  // Set side_ to the rows exceeded after step_; return true if other rows were exceeded before. solve() has the excess
+  // of a row more accurately than its value: the excess of a stiff row is less than rounding of its bound. Other rows
+  // count if they are exceeded by more than rounding.
+  bool arrive() {
+    bool other = false;
+    for (int k = 0; k < count_; ++k) {
+      if (side_[k] && side_[k] * ((value_[k] - bound(k)) + slope_[k]) >= 0.0) continue;
+      const double there = value_[k] + slope_[k], out = off(k, there);
+      const double rounding = kRounding * (std::fabs(base_[k]) + std::fabs(there));
+      const int now = out > rounding ? 1 : out < -rounding ? -1 : 0;
+      other = other || now != side_[k];
+      side_[k] = now;
+    }
+    return other;
+  }
+
+  // side_: the rows exceeded behind the point that far along step_. Stiff rows are exceeded there by less than
+  // rounding.
+  void pass(double far) {
+    for (int k = 0; k < count_; ++k) {
+      const double slope = slope_[k], end = far * (1.0 + kRounding);
+      if (slope == 0.0) continue;
+      const double up = (high_[k] - value_[k]) / slope, down = (low_[k] - value_[k]) / slope;
+      const bool above = slope > 0.0 ? up <= end : up > end, below = slope > 0.0 ? down > end : down <= end;
+      side_[k] = above && high_[k] < INFINITY ? 1 : below && low_[k] > -INFINITY ? -1 : 0;
+    }
+  }
+
+  // How fast the value rises along step_, that far along it.
+  double rise(double far) const {
+    double sum = 0.0;
+    for (int j = 0; j < free_; ++j) sum += (z_[j] + far * step_[j]) * step_[j];
+    for (int k = 0; k < count_; ++k) sum += off(k, value_[k] + far * slope_[k]) / soft_[k] * (slope_[k] / soft_[k]);
+    return sum;
+  }
+
+  // step_: from z_ to the minimiser if the rows of side_ were equalities and there were no others. Columns of M_, the
+  // right-hand side last; first the rows, the hardest before the others, below them the identity.
+  bool solve() {
+    int m = 0;
+    for (int k = 0; k < count_; ++k) {
+      if (!side_[k]) continue;
+      int at = m++;
+      for (; at > 0 && soft_[order_[at - 1]] > soft_[k]; --at) order_[at] = order_[at - 1];
+      order_[at] = k;
+    }
+    const int height = m + free_;
+    const auto column = [&](int j) { return &M_[static_cast<std::size_t>(j) * height]; };
+    std::fill(M_.begin(), M_.begin() + static_cast<std::ptrdiff_t>(height) * (free_ + 1), 0.0);
+    for (int i = 0; i < m; ++i) {
+      const int k = order_[i];
+      for (int j = 0; j < free_; ++j) column(j)[i] = row(k)[j] / soft_[k];
+      column(free_)[i] = (bound(k) - value_[k]) / soft_[k];
+    }
+    for (int j = 0; j < free_; ++j) column(j)[m + j] = 1.0, column(free_)[m + j] = -z_[j], order_[j] = j;
+    for (int k = 0; k < free_; ++k) {
+      int best = k;
+      double most = -1.0;
+      for (int j = k; j < free_; ++j) {
+        const double left = dot_any(column(j) + k, column(j) + k, height - k);
+        if (left > most) most = left, best = j;
+      }
+      if (!(most > 0.0 && most < INFINITY)) return false;
+      if (best != k) std::swap_ranges(column(k), column(k) + height, column(best)), std::swap(order_[k], order_[best]);
+      double* v = column(k);
+      const double length = std::sqrt(most), pivot = v[k] > 0.0 ? -length : length;
+      v[k] -= pivot;
+      const double factor = -1.0 / (pivot * v[k]);
+      for (int j = k + 1; j <= free_; ++j)
+        add_any(column(j) + k, v + k, -factor * dot_any(v + k, column(j) + k, height - k), height - k);
+      v[k] = pivot;
+    }
+    for (int k = free_ - 1; k >= 0; --k) {
+      double value = column(free_)[k];
+      for (int j = k + 1; j < free_; ++j) value -= column(j)[k] * step_[order_[j]];
+      step_[order_[k]] = value / column(k)[k];
+    }
+    return true;
+  }
+
+  int free_ = 0, count_ = 0;
+  std::vector<double> z_, step_, rows_, M_, low_, high_, base_, value_, slope_, soft_, length_;
+  std::vector<int> side_, order_;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
