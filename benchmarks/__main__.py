@@ -33,6 +33,7 @@ EXTRA = {
     "batches": "many worlds at once on G1 and UR5: ticks a second, memory",
     "loops": "recorded loops of five robots in C++: same bits, allocations, times of ticks",
     "soak": "long random closed loops with faults of every kind",
+    "rounding": "torque problems of closed loops with noise, on other kernels, from other starts",
     "collision": "blocked hands, a table in MuJoCo, and the cost of pairs",
     "pairs": "automatic collision pairs of six robots",
     "surfaces": "capsules around the surfaces of all shipped and of generated robots",
