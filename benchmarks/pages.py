@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.lab.outcome import HEADER, Figure, Table, table
+from benchmarks.reports.checks import finite
 from hqp.markdown import table as markdown
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -112,18 +113,18 @@ def _figure(plain: Mapping[str, Any]) -> Figure:
 
 def _runs() -> list[Mapping[str, Any]]:
     """Dreamer's runs, the latest of every case."""
-    from benchmarks.sentis2012.experiments import statistics
+    from benchmarks.lab import sweeps
     from hqp import sweep
 
     rows = sweep.read(DATA / "dreamer-statistics").to_pylist()
-    return list(statistics.by_case(rows, {row["code"] for row in rows}).values())
+    return list(sweeps.by_case(rows, {row["code"] for row in rows}).values())
 
 
 def _percentiles() -> Any:
     from benchmarks.sentis2012.experiments import statistics
 
     made = statistics.runs_of(_runs(), list(statistics.registry()))
-    return statistics.finite([statistics.summary(name, own) for name, own in made.items()])
+    return finite([statistics.summary(name, own) for name, own in made.items()])
 
 
 def _walking() -> dict[str, str]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 SEEN = 100.0
 """A negative control passes if it misses the tolerance by this factor."""
@@ -81,18 +82,20 @@ def worst(values: Iterable[float]) -> float:
     return max(listed)
 
 
-def write_json(path: Path, rows: Sequence[object]) -> None:
-    """Write a list of dataclasses or plain mappings as JSON; numbers that are not finite become null."""
+def write_json(path: Path, data: object) -> None:
+    """Write dataclasses and plain mappings as JSON; numbers that are not finite become null."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    plain = [dataclasses.asdict(row) if dataclasses.is_dataclass(row) else row for row in rows]  # type: ignore[arg-type]
-    path.write_text(json.dumps(_finite(plain), indent=1, ensure_ascii=False) + "\n")
+    path.write_text(json.dumps(finite(data), indent=1, ensure_ascii=False) + "\n")
 
 
-def _finite(value: object) -> object:
+def finite(value: Any) -> Any:
+    """The value in plain containers, with null for numbers that are not finite."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return value.item() if hasattr(value, "item") else value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -51,25 +50,19 @@ def _seeds(arguments: Any, usual: int) -> range:
 
 def _runs(arguments: Any, function: str, cases: Sequence[Mapping[str, Any]], folder: str) -> list[dict[str, Any]]:
     """Make the missing cases and read all; arguments and figures by name."""
+    from benchmarks.lab import sweeps
     from hqp import sweep
 
     kept = arguments.kept or Path(arguments.output) / folder
-    if not arguments.show:
-        on = "serial" if arguments.jobs == 1 else "local"
-        sweep.run(sweep.Sweep(function, list(cases), arguments.code), kept, on=on, jobs=arguments.jobs)
-    rows = [row for row in sweep.read(kept).to_pylist() if row["ok"]]
-    return [{key.split(".", 1)[-1]: value for key, value in row.items()} for row in rows]
+    wanted = sweep.Sweep(function, list(cases), arguments.code)
+    return [sweeps.plain(row) for row in sweeps.rows(wanted, kept, jobs=arguments.jobs, only_read=arguments.show)]
 
 
 def _show(arguments: Any, found: Any, shown: Callable[[Any], Table]) -> None:
     """Print the table, write its data into a file."""
-    from benchmarks.reports import report
+    from benchmarks.lab import sweeps
 
-    made = shown(found)
-    report.console.print(report.table(made.header, made.rows), markup=False, soft_wrap=True)
-    if arguments.json is not None:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    sweeps.show([shown(found)], found, arguments.json)
 
 
 def run(cell: str, seed: int) -> dict[str, Any]:

@@ -150,12 +150,10 @@ def shown(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _swept(wanted: Sequence[dict[str, Any]], setting: Setting) -> list[dict[str, Any]]:
+    from benchmarks.lab import sweeps
     from hqp import sweep
 
     assert setting.output is not None
     cases = sweep.Sweep("benchmarks.mistry2008.experiments.statistics:one_run", wanted)
     kept = setting.output / "cbi-statistics"
-    sweep.run(cases, kept, on="serial" if setting.jobs == 1 else "local", jobs=setting.jobs, show=False)
-    keys = {case.key(cases.code) for case in cases}
-    rows = [row for row in sweep.read(kept).to_pylist() if row["key"] in keys and row["ok"]]
-    return [{name.partition(".")[2]: value for name, value in row.items() if "." in name} for row in rows]
+    return [sweeps.plain(row) for row in sweeps.rows(cases, kept, jobs=setting.jobs, show=False)]

@@ -10,11 +10,10 @@ Every run is a case of ``hqp.sweep``: the table takes hours, can be stopped at a
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 import zlib
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -133,12 +132,6 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
     }
 
 
-def by_case(rows: Sequence[Mapping[str, Any]], codes: Container[str]) -> dict[str, Mapping[str, Any]]:
-    """The latest row without an exception of every case, of those made by one of the versions ``codes``."""
-    found = sorted((row for row in rows if row["ok"] and row["code"] in codes), key=lambda row: row["finished"])
-    return {row["case"]: row for row in found}
-
-
 def runs_of(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
     """The measures of every cell that has runs, from the rows of a sweep."""
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
@@ -182,6 +175,7 @@ def shown(found: Sequence[Mapping[str, Any]], of: Sequence[str] = tuple(SPREAD))
 
 def command(arguments: Any) -> int:
     """Make missing runs, show and write the table; return 1 if a promise fails, 2 for an unknown cell."""
+    from benchmarks.lab import sweeps
     from hqp import sweep
 
     names = _names(arguments.cells)
@@ -201,24 +195,13 @@ def command(arguments: Any) -> int:
     function = "benchmarks.sentis2012.experiments.statistics:one_run"
     cases = sweep.Sweep(function, wanted, arguments.code)
     kept = arguments.kept or Path(arguments.output) / "dreamer-statistics"
-    codes = {cases.code, *arguments.vouch}
-    if arguments.show:
-        codes |= {row["code"] for row in sweep.read(kept).to_pylist()}
-    else:
-        done = by_case(sweep.read(kept).to_pylist(), codes)
-        missing = [case.arguments for case in cases if case.text not in done]
-        on = "serial" if arguments.jobs == 1 else "local"
-        sweep.run(sweep.Sweep(function, missing, cases.code), kept, on=on, jobs=arguments.jobs)
-    rows = by_case(sweep.read(kept).to_pylist(), codes)
-    made = runs_of([rows[case.text] for case in cases if case.text in rows], names)
+    rows = sweeps.rows(cases, kept, jobs=arguments.jobs, only_read=arguments.show, vouch=arguments.vouch)
+    made = runs_of(rows, names)
     found = [summary(name, own) for name, own in made.items()]
-    _print(shown(found))
-    for group in (nominal := [name for name in made if registry()[name].group == "nominal"]), by_tilt(made, nominal):
-        if group:
-            _print(compared({name: made[name] for name in group}))
-    if arguments.json is not None:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(finite(found), indent=1) + "\n")
+    nominal = [name for name in made if registry()[name].group == "nominal"]
+    groups = [group for group in (nominal, by_tilt(made, nominal)) if group]
+    tables = [shown(found), *(compared({name: made[name] for name in group}) for group in groups)]
+    sweeps.show(tables, found, arguments.json)
     return int(not all(line["passed"] for line in found if line["promised"] is not None))
 
 
@@ -237,21 +220,6 @@ def by_tilt(made: Iterable[str], but: Sequence[str]) -> list[str]:
 def _names(asked: Sequence[str]) -> list[str]:
     groups = {"promised": PROMISED, "all": tuple(registry())}
     return list(dict.fromkeys(name for word in asked for name in groups.get(word, (word,))))
-
-
-def _print(made: Table) -> None:
-    from benchmarks.reports import report
-
-    report.console.print(report.table(made.header, made.rows), markup=False, soft_wrap=True)
-
-
-def finite(value: Any) -> Any:
-    """Replace infinity, which JSON lacks, by null."""
-    if isinstance(value, dict):
-        return {name: finite(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def experiment(setting: Setting) -> Outcome:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import hqp.robots
+from benchmarks.lab import sweeps
+from benchmarks.reports.checks import finite
 from benchmarks.sentis2012.experiments import statistics
 from benchmarks.sentis2012.experiments.compliance import gravity_share
 from benchmarks.sentis2012.experiments.ground import ContactNormals, GroundForce
@@ -264,7 +266,7 @@ def test_a_line_has_what_was_agreed_and_a_promise_holds_at_the_99th_percentile()
     assert not statistics.summary("nominal", rows(33.8)[50:])["passed"]  # the worst of 50 is their 99th percentile
     fallen = statistics.summary("nominal", rows(3.0, fell=4.2))
     assert (fallen["falls"], fallen["passed"]) == (1, False)
-    assert json.loads(json.dumps(statistics.finite(fallen), allow_nan=False))["com_up_mm"]["worst"] is None
+    assert json.loads(json.dumps(finite(fallen), allow_nan=False))["com_up_mm"]["worst"] is None
 
 
 def test_runs_of_other_versions_count_only_if_vouched_for() -> None:
@@ -272,8 +274,8 @@ def test_runs_of_other_versions_count_only_if_vouched_for() -> None:
         return {"case": case, "code": code, "finished": finished, "ok": ok}
 
     rows = [row("a", "old", 1.0), row("a", "new", 2.0), row("b", "older", 3.0), row("c", "new", 4.0, ok=False)]
-    assert list(statistics.by_case(rows, {"new"})) == ["a"]
-    found = statistics.by_case(rows[::-1], {"new", "old", "older"})
+    assert list(sweeps.by_case(rows, {"new"})) == ["a"]
+    found = sweeps.by_case(rows[::-1], {"new", "old", "older"})
     assert {case: kept["code"] for case, kept in found.items()} == {"a": "new", "b": "older"}
 
 
