@@ -48,5 +48,5 @@ def test_few_replicated_bodies_a_circle_of_files_and_nonsense_are_left_to_mujoco
         '<include file="no"/>',
     ):
         path.write_text(f"<mujoco><worldbody>{other}</worldbody></mujoco>")
-        with pytest.raises(ModelError, match="could not be read"):
+        with pytest.raises(ModelError, match=r"could not be read|are no numbers"):
             hqp.robots.load(path)

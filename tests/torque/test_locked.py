@@ -1,4 +1,4 @@
-"""Torques of chains whose joints a contact locks: what the constraints bear whole is not commanded."""
+"""Torques of chains whose joints a contact locks: they stay below the weight."""
 
 from __future__ import annotations
 
