@@ -227,14 +227,14 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class FilteredTick:
-    """Command to send, ``(n,)`` in the order of ``robot.joint_names``; asked: the policy's command, NaN if invalid.
+    """Command to send, ``(n,)`` in the order of ``robot.joint_names``; requested: the policy's command, NaN if invalid.
 
-    limited: change of the command by joint (sent - asked, NaN for an invalid command).  tick: the stack's tick,
+    limited: change of the command by joint (sent - requested, NaN for an invalid command).  tick: the stack's tick,
     whose ``explain()`` names limits and pairs.
     """
 
     command: Vec
-    asked: Vec
+    requested: Vec
     limited: dict[str, float]
     tick: Tick
 
@@ -259,20 +259,20 @@ class PolicyFilterSession:
 
     def step(self, state: State, command: ArrayLike, *, now: float | None = None) -> FilteredTick:
         """One tick of a state, which carries its time if there is a ``max_age``; see ``tick``, ``Session.step``."""
-        own, asked = self._own, np.array(command, dtype=np.float64)
+        own, requested = self._own, np.array(command, dtype=np.float64)
         q, v = state.angles[own], state.v[own]
-        taken, free = self._prediction.begin(asked, q, v)
+        taken, free = self._prediction.begin(requested, q, v)
         tick = self.session.step(state, Reference("policy", self._still, free), now=now)
         x, solved = tick.x[own], tick.status.solved
         sent = self._prediction.end(taken, free, x, q, v, solved)
-        changed = (np.abs(x - free) > self._speed) | (taken != asked)
+        changed = (np.abs(x - free) > self._speed) | (taken != requested)
         if not solved:
             changed[:] = True
         limited: dict[str, float] = {}
         if changed.any():
             names = self.robot.joint_names
-            limited = {names[i]: float(sent[i] - asked[i]) for i in changed.nonzero()[0].tolist()}
-        return FilteredTick(sent, asked, limited, tick)
+            limited = {names[i]: float(sent[i] - requested[i]) for i in changed.nonzero()[0].tolist()}
+        return FilteredTick(sent, requested, limited, tick)
 
     def reset(self) -> None:
         """Discard earlier commands and estimates, but not the state of the stack's session."""
