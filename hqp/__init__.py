@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from hqp.torque import Torque
     from hqp.viewer import view
 
-__version__ = "0.3.0.dev0"
+__version__ = "0.3.0"
 
 __all__ = [
     "DCM",

@@ -4,6 +4,6 @@
 namespace hqp {
 
 constexpr int kFormat = 1;
-constexpr const char* kVersion = "0.3.0.dev0";
+constexpr const char* kVersion = "0.3.0";
 
 }  // namespace hqp
