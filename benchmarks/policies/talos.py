@@ -131,7 +131,7 @@ def between(places: list[pin.SE3], t: float) -> pin.SE3:
 def motion(seed: int, reach: float | None) -> Motion:
     """Seeds that three divides stand, others walk; 0 to 2 kg in each hand, unknown to the walker.
 
-    reach: that of UpperBody, None for the walker's own arms.
+    reach: limit of UpperBody [m], None for the arms of the walker.
     """
     rng = np.random.default_rng(seed)
     masses, walks = rng.uniform(0.0, 2.0, 2), seed % 3 != 0

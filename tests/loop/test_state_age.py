@@ -1,4 +1,4 @@
-"""Sessions without max_age whose states carry their time say so once; exported loops take the time."""
+"""Sessions without max_age note once that states carry their time; exported loops take the time."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 // One stage: min ||T y - t|| + c/2 |y|^2 over the rows of the stage, or c/2 |y|^2 alone, by a primal active set from a
-// point that keeps to them. On the active of a working set the minimiser is known (secular.hpp), so every step goes to
+// point that keeps to them. On the face of a working set the minimiser is known (secular.hpp), so every step goes to
 // it or to the first row in the way, and the value falls at every step that is not zero; after a zero step the lowest
 // index leaves and enters (Bland's rule), so that no working set comes back. After a search that was cut it
 // starts towards the end of that one, as far as the rows allow.
@@ -21,7 +21,7 @@ constexpr double kRounding = 4e-15;     // rounding of a value, relative to |a| 
 constexpr double kAtBound = 1e-10;      // rows at their bounds, relative to |a| and the bound
 constexpr double kOnFace = 1e-12;       // rows that are not held keep to their bounds
 constexpr double kHeldOnFace = 1e-9;    // and those held, of which some may nearly depend on others
-constexpr double kNoDirection = 1e-13;  // remaining share of a row without a direction on the active
+constexpr double kNoDirection = 1e-13;  // remaining share of a row without a direction on the face
 constexpr double kNoStep = 1e-14;       // a step that is rounding, relative to 1 + |y|
 constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
@@ -59,7 +59,7 @@ class StageSearch {
     secular_.reserve(rows);
   }
 
-  // Minimise from y (N); return true at the optimum.  started: true if y is feasible, else only the active of the
+  // Minimise from y (N); return true at the optimum.  started: true if y is feasible, else only the face of the
   // working set is tried.  working: numbers of rows (+ 1, negative at the lower side) to begin with, and those active
   // at the end.  near: an x (n) to begin near, or empty.
   bool solve(StageRows& rows, int N, const Aim& aim, double* y, std::vector<int>& working, int& iterations,
@@ -173,7 +173,7 @@ class StageSearch {
     return false;
   }
 
-  // Move y towards `near`, within the rows, if this lessens the objective: first on the held active, at the bounds of
+  // Move y towards `near`, within the rows, if this lessens the objective: first on the held face, at the bounds of
   // the latest working set, then on the equalities.
   void approach(const std::vector<double>& near, double* y) {
     double least = value(y);
@@ -277,7 +277,7 @@ class StageSearch {
     for (const int i : spanned_) side_[i] = 2;
   }
 
-  // Move y to the minimiser on the active of the working set if that is the optimum within all rows; else return false.
+  // Move y to the minimiser on the face of the working set if that is the optimum within all rows; else return false.
   // In a loop the active set of the last tick is mostly the right one.
   bool on_the_face_of(const std::vector<int>& working, double* y) {
     enter_all(working);
@@ -381,7 +381,7 @@ class StageSearch {
     turned_by_ = rank;
   }
 
-  // Compute part_ of the active through y. Errors of held rows stay: a correction along nearly dependent rows would be
+  // Compute part_ of the face through y. Errors of held rows stay: a correction along nearly dependent rows would be
   // the error over their smallest pivot, and violate all other rows.
   void through(const double* y) {
     std::copy(y, y + N_, y_.begin());
@@ -389,7 +389,7 @@ class StageSearch {
     space_.split(y_.data(), part_.data());
   }
 
-  // aim_ = the minimiser on the active of part_.
+  // aim_ = the minimiser on the face of part_.
   void minimiser() {
     const int rank = space_.rank();
     const double* grade = rows_->grades();
@@ -450,7 +450,7 @@ class StageSearch {
     return row.band < 0 ? own : own + std::abs(row.share * y[row.band]);
   }
 
-  // The place in the set of a row whose multiplier has the wrong sign at y, the minimiser of its active, -1 for none;
+  // The place in the set of a row whose multiplier has the wrong sign at y, the minimiser of its face, -1 for none;
   // the worst, or the lowest index.
   int wrong_sign(const double* y, bool lowest) {
     const int rank = space_.rank();

@@ -33,7 +33,7 @@ struct Completion {
 };
 
 // Data of an account: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
-// lambda (multipliers): multipliers of the first levels, level k after level k - 1, (m_0 + ... + m_k) each, for those
+// lambda (multipliers,): those of the first levels, level k after level k - 1, (m_0 + ... + m_k) each, for those
 // without a stage.
 struct AccountRows {
   const double* stages = nullptr;

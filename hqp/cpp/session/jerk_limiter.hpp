@@ -95,7 +95,7 @@ class JerkLimiter {
     const double share = own > 0.0 ? 1.0 : over / (over - own);
     if (share > given_) given_ = share, why_ = name;
   }
-  // The same for position and speed limits: within its acceleration a joint can still stop in time.
+  // Take position and speed limits in the same way: within its acceleration a joint can still stop in time.
   void keep_within_limits(const double* angles, const double* x) {
     for (std::size_t i = 0; i < places_.size(); ++i) {
       const double at = angles ? angles[coordinates_[i]] : 0.0;

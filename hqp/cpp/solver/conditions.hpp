@@ -40,7 +40,7 @@ struct Conditions {
   int open_count = 0, active = 0;
   NullSpace null_space;             // null space of the rows fixed so far
   NonnegativeLeastSquares columns;  // the multipliers of the present level
-  RowSortedLeastSquares reduced;    // the present level on a reduced
+  RowSortedLeastSquares reduced;    // the present level on a face
   int* order = nullptr;             // (rows of a level,) its rows, the longest first
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
@@ -303,7 +303,7 @@ struct Conditions {
   }
 
   // y_ of a level whose rows differ in length; false where it is zero. Rounding of a long row's slack would hide the
-  // forces of the short ones: it is taken apart by least squares on the reduced of the active rows, and left out.
+  // forces of the short ones: it is taken apart by least squares on the face of the active rows, and left out.
   bool graded_gradient(int k) {
     const int base = null_space.rank;
     int count = 0;
