@@ -261,7 +261,7 @@ class Clamped(Pink):
 
 @dataclass
 class Motion:
-    """One motion; errors: of both hands [m].  touches: control ticks with a touch of judged.  fast: rad/s."""
+    """One motion; errors: of both hands [m].  touches: judged configurations with one.  fast: rad/s."""
 
     fell: bool = False
     ticks: int = 0

@@ -6,7 +6,6 @@ import argparse
 import math
 import time
 import warnings
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 import hqp
+from benchmarks.policies.arms import Motion
 from benchmarks.policies.filter import Shapes
 from benchmarks.reports import report
 from hqp.robots.on_mujoco import Plane, Plant
@@ -55,20 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.page is not None:
         report.into_page(arguments.page, MARK, text, END)
     return 0
-
-
-@dataclass
-class Motion:
-    """One motion; errors: of both hands [m].  touches: configurations of judged ones.  fast: arms' joints [rad/s]."""
-
-    fell: bool = False
-    touches: int = 0
-    judged: int = 0
-    ticks: int = 0
-    unsolved: int = 0
-    fast: float = 0.0
-    errors: list[float] = field(default_factory=list)
-    cpu: list[float] = field(default_factory=list)
 
 
 HEADER = (
