@@ -13,7 +13,7 @@ from hqp.loop.controller import Controller
 from hqp.motion.clip import low_pass
 from hqp.motion.contacts import runs
 from hqp.motion.joints import SIDES
-from hqp.motion.retargeted import velocities
+from hqp.motion.rates import velocities
 from hqp.motion.smoothing import LIVELY
 from hqp.motion.targets import Targets
 from hqp.robots.on_mujoco import Plane, Plant

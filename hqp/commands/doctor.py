@@ -19,7 +19,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "mujoco": ("mujoco",),
     "plots": ("matplotlib",),
     "video": ("imageio-ffmpeg",),
-    "motion": ("example-robot-data", "plotly"),
+    "motion": ("example-robot-data", "plotly", "qpsolvers", "clarabel"),
     "view": ("viser", "trimesh", "pycollada"),
     "robots": ("example-robot-data",),
     "solvers": ("qpsolvers", "proxsuite", "osqp", "daqp", "piqp", "clarabel"),

@@ -9,6 +9,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, ModelError
+from hqp.tasks.support_polygon import hull
 
 from .joints import SIDES
 from .skeleton_map import SkeletonMap
@@ -24,7 +25,8 @@ class Body:
     places, axes: position ``(3,)`` [m] and rotation ``(3, 3)`` of each part.  middle: half way between the hips in the
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
     ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
-    corners: corners of the rectangle around each sole, in the same axes ``(4, 3)``.
+    corners: corners of the rectangle around each sole, in the same axes ``(4, 3)``.  soles: corners of the sole itself,
+    counter-clockwise ``(m, 3)``.
     """
 
     places: dict[str, Vec]
@@ -34,6 +36,7 @@ class Body:
     toes: dict[str, Vec]
     heels: dict[str, Vec]
     corners: dict[str, Mat]
+    soles: dict[str, Mat]
 
     @staticmethod
     def of(robot: Robot, found: SkeletonMap) -> Body:
@@ -52,12 +55,15 @@ class Body:
                     )
         hips = 0.5 * (places["left_hip"] + places["right_hip"])
         levers = {side: places[f"{side}_sole"] - places[f"{side}_ankle"] for side in SIDES}
-        toes, heels, corners = {}, {}, {}
+        toes, heels, corners, soles = {}, {}, {}, {}
         for side in SIDES:
-            low, high = _extent(robot, found.frames[f"{side}_sole"], places[f"{side}_sole"])
+            outline = _outline(robot, found.frames[f"{side}_sole"], places[f"{side}_sole"])
+            low, high = outline.min(axis=0), outline.max(axis=0)
+            soles[side] = np.column_stack((outline, np.zeros(len(outline))))
             toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
             corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-        return Body(places, axes, axes["pelvis"].T @ (hips - places["pelvis"]), levers, toes, heels, corners)
+        middle = axes["pelvis"].T @ (hips - places["pelvis"])
+        return Body(places, axes, middle, levers, toes, heels, corners, soles)
 
     def length(self, one: str, two: str) -> float:
         """Length of a limb, the mean of both sides [m]."""
@@ -78,8 +84,8 @@ class Body:
         return float(np.linalg.norm(self.places[f"left_{limb}"] - self.places[f"right_{limb}"]))
 
 
-def _extent(robot: Robot, frame: str, place: Vec) -> tuple[Vec, Vec]:
-    """Extent of a sole from its point: back and right, forward and left ``(2,)`` [m]; 5 cm without shapes."""
+def _outline(robot: Robot, frame: str, place: Vec) -> Mat:
+    """Corners of a sole from above, seen from its point ``(m, 2)`` [m]; two points 10 cm apart without shapes."""
     from hqp.robots.soles import level_sole
 
     try:
@@ -87,5 +93,5 @@ def _extent(robot: Robot, frame: str, place: Vec) -> tuple[Vec, Vec]:
     except ModelError:
         points = np.zeros((0, 2))
     if len(points) < 2:
-        return np.array([-0.05, 0.0]), np.array([0.05, 0.0])
-    return points.min(axis=0), points.max(axis=0)
+        return np.array([[-0.05, 0.0], [0.05, 0.0]])
+    return np.asarray(points[hull(points)])

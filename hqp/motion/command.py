@@ -50,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-collision", action="store_true", help="leave out self-collision and the floor for other links"
     )
+    parser.add_argument(
+        "--dynamics", action="store_true", help="plan a CoM that flat soles can carry, and follow it above the hands"
+    )
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the report as one page")
     parser.add_argument("--view", action="store_true", help="show it in a browser, the person beside the robot")
     parser.add_argument(
@@ -85,6 +88,7 @@ def execute(arguments: argparse.Namespace) -> int:
         up=arguments.up,
         body_model=arguments.body_model,
         collision=not arguments.no_collision,
+        dynamics=arguments.dynamics,
     )
     print(found)
     for path in arguments.output:

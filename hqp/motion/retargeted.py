@@ -6,17 +6,17 @@ import math
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 
 from .contacts import Mask
+from .dynamics import Dynamics
 from .measures import Measures
 from .shortfalls import PARTS, Names, Shortfall
 
@@ -33,6 +33,7 @@ class Retargeted:
     ``(T, 4)``: cause of each error of left and right toe, left and right hand, "" within 5 mm of their targets.
     statuses: statuses of the ticks, with their number.  time: time of the solution, CPU [s].  scale: robot's metres to
     the motion's unit.  notes: remarks on the person: mirrored, upside down, lying, the axis of the file that is up.
+    dynamics: the planned CoM and the changes for it, None without one.
     """
 
     robot: Robot
@@ -50,6 +51,7 @@ class Retargeted:
     time: float
     scale: float
     notes: tuple[str, ...] = ()
+    dynamics: Dynamics | None = None
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -133,7 +135,8 @@ class Retargeted:
         return Scrubber(self, **doors)
 
     def __str__(self) -> str:
-        return "\n".join([*self.notes, *self.lines(), *(str(each) for each in self.shortfalls)])
+        planned = [] if self.dynamics is None else self.dynamics.lines()
+        return "\n".join([*self.notes, *self.lines(), *planned, *(str(each) for each in self.shortfalls)])
 
     def lines(self) -> list[str]:
         """The figures in words."""
@@ -149,9 +152,3 @@ class Retargeted:
             f"joints p99 {s['acceleration_p99']:.0f} rad/s^2, {s['jerk_p99']:.3g} rad/s^3; "
             f"beyond limits {s['beyond']:.2g} rad; fastest {100 * s['speed']:.0f} % of its limit",
         ]
-
-
-def velocities(robot: Robot, q: Mat, fps: float) -> Mat:
-    """Velocity that leads from each configuration to the next ``(T, nv)``, the last one twice."""
-    rates: list[Vec] = [robot.difference(one, two) * fps for one, two in pairwise(q)]
-    return np.array([*rates, rates[-1]])

@@ -15,11 +15,14 @@ from .anchored import solved
 from .body import Body
 from .clip import Motion
 from .contacts import NAMES, Mask
+from .dynamics import carried
 from .joints import parts_of
 from .measures import measure
 from .person import joints_of, remarks
+from .rates import velocities
 from .readers import read_motion
-from .retargeted import Retargeted, velocities
+from .retargeted import Retargeted
+from .schedule import grounded, schedule_of
 from .shortfalls import gave_way, shortfalls
 from .skeleton_map import SkeletonMap, find_map
 from .smoothing import smoothed
@@ -41,6 +44,7 @@ def retarget(
     up: str = "auto",
     body_model: str | Path | None = None,
     collision: bool = True,
+    dynamics: bool = False,
 ) -> Retargeted:
     """A person's motion on a robot: strict levels, standing feet held where they came to rest.
 
@@ -52,7 +56,9 @@ def retarget(
     with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for None.
     contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an .npz with
     contacts (and contact_names).  fps: frame rate of the result, the motion's own for None.  collision: False leaves
-    out self-collision and links other than feet above the floor.  There is no clock in it: equal motions give equal
+    out self-collision and links other than feet above the floor.  dynamics: True plans a CoM that flat soles can carry,
+    by a schedule of their contacts, and follows it below the feet and above the hands; the result's ``dynamics`` has
+    the plan and its changes.  There is no clock in it: equal motions give equal
     bits.  Raises DeclarationError and ModelError for a misfit.
     """
     robot = _loaded(robot)
@@ -69,9 +75,15 @@ def retarget(
     masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
     parts = parts_of(clip.names, found.human)
     targets = targets_of(clip, parts, body, masks)
-    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / clip.fps, collision=collision), targets)
     begin = time.process_time()
-    passed = smoothed(tracker, solved(tracker))
+    schedule = schedule_of(targets, body) if dynamics else None
+    if schedule is not None:
+        targets = grounded(targets, body, schedule)
+    stacks = Stacks(robot, found, body, 1.0 / clip.fps, collision=collision, flat=dynamics)
+    tracker = Tracker(robot, stacks, targets)
+    passed, changes = smoothed(tracker, solved(tracker)), None
+    if schedule is not None:
+        passed, changes = carried(tracker, passed, schedule)
     spent = time.process_time() - begin
     frames = slice(None, None, each)
     measures = measure(robot, tracker.stacks, targets, passed.q)
@@ -83,6 +95,7 @@ def retarget(
         robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
         targets.person[frames], clip.parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
         _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
+        None if changes is None else changes.thinned(each),
     )  # fmt: skip
 
 

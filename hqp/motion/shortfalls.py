@@ -84,7 +84,7 @@ def gave_way(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec], frames: S
     for row, frame in zip(texts, frames, strict=True):
         late = [k for k, part in enumerate(PARTS) if errors[part][frame] > NOTED]
         if late:
-            account = _account(tracker, q, v, max(frame, 1))
+            account = tracker.account(q, v, max(frame, 1))
             for k in late:
                 row[k] = _to_whom(account, PARTS[k])
     return np.array(texts, dtype=np.str_)
@@ -92,7 +92,7 @@ def gave_way(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec], frames: S
 
 def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:
     """Constraints on a part in the tick that led to a frame, in words."""
-    account = _account(tracker, q, v, frame)
+    account = tracker.account(q, v, frame)
     if part not in account.elements or account.met(part):
         return _to_whom(account, part)
     line = next(line for line in str(account).splitlines() if line.split()[0] == part)
@@ -105,11 +105,3 @@ def _to_whom(account: TickAccount, part: str) -> str:
         return OTHER_END
     losses = account.losses(part)
     return ON_ITS_WAY if account.met(part) else losses[0].element if losses else account.cause(part)
-
-
-def _account(tracker: Tracker, q: Mat, v: Mat, frame: int) -> TickAccount:
-    """Explanation of the tick that leads to a frame."""
-    standing = tracker.standing(frame - 1)
-    state = tracker.robot.state(q[frame - 1], v[frame - 1])
-    state.commanded = v[frame - 1]
-    return tracker.sessions.of(standing).step(state, *tracker.references(frame - 1, frame, standing, {})).account()

@@ -8,6 +8,7 @@ import numpy as np
 
 from hqp.arrays import Mat
 from hqp.declare.reference import Reference
+from hqp.tasks import Orientation
 
 from .clip import EDGE, low_pass
 from .holds import turns
@@ -32,12 +33,16 @@ def smoothed(tracker: Tracker, found: Pass) -> Pass:
 
 
 class Course:
-    """References of the last pass: places of hands, toes and heels, the pelvis and the joints, with their rates."""
+    """References of a last pass: places of hands, toes and heels, the pelvis and the joints, with their rates."""
 
-    def __init__(self, tracker: Tracker, q: Mat) -> None:
+    carries = False
+    """True for the stack of a planned CoM."""
+
+    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation) -> None:
         robot, stacks, fps = tracker.robot, tracker.stacks, tracker.targets.fps
         points = [task for _, task in stacks.edges] + [task for task in stacks.points.values() if "hand" in task.name]
         places = {task.name: np.empty((len(q), 3)) for task in points}
+        axes = {task.name: np.empty((len(q), 3, 3)) for task in turning}
         base, joints = np.empty((len(q), 4, 4)), np.empty((len(q), stacks.joints.rows(robot)))
         self._heights = {side: np.empty((len(q), 2)) for side in SIDES}
         for i, at in enumerate(q):
@@ -50,9 +55,12 @@ class Course:
             joints[i] = stacks.joints.value(state)
             for task in points:
                 places[task.name][i] = task.value(state)
+            for turned in turning:
+                axes[turned.name][i] = state.rotation(turned.frame)
         angles: Any = np.unwrap(joints, axis=0)
         twists: Any = np.hstack((np.diff(base[:, :3, 3], axis=0), turns(base[:, :3, :3])))
         self._motion: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
+        self._motion |= {name: (R, fps * turns(R)) for name, R in axes.items()}
         self._motion[stacks.base.name] = base, fps * twists
         self._motion[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
 

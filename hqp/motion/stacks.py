@@ -14,7 +14,7 @@ from hqp.declare.law import P
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Level, Stack
 from hqp.errors import ModelError
-from hqp.tasks import AlignAxis, CollisionAvoidance, JointLimits, Orientation, Pose, Position, Posture, Within
+from hqp.tasks import AlignAxis, CollisionAvoidance, Com, JointLimits, Orientation, Pose, Position, Posture, Within
 
 from .body import Body
 from .joints import SIDES
@@ -49,12 +49,14 @@ class Stacks:
 
     Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest, which is
     within all limits), their heights and the lateral lines that they roll about, moving feet, hands, the tilt of soles,
-    trunk, limbs, posture.
+    trunk, limbs, posture.  flat: standing soles are flat, above the hands.
     """
 
-    def __init__(self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True) -> None:
+    def __init__(
+        self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True, flat: bool = False
+    ) -> None:
         law, below = P(min(GAIN, 0.5 / dt)), P(min(BELOW, 0.5 / dt))
-        self.robot, self.frames, self.body, self._map = robot, found.frames, body, found
+        self.robot, self.frames, self.body, self._map, self.flat = robot, found.frames, body, found, flat
 
         def point(part: str, offset: tuple[float, float, float], name: str, law: P) -> Position:
             return Position(frame=found.frames[part], offset=offset, law=law, name=name)
@@ -87,14 +89,21 @@ class Stacks:
             for k, corner in enumerate(body.corners[side])
         ]
         x, y, z = body.middle.tolist()
-        self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis", below), turn("torso", below))
+        self.torso = turn("torso", below)
+        self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis", below), self.torso)
         self.hips = turn("pelvis", below, "hips")
         self.points = {
             f"{side}_{limb}": point(f"{side}_{limb}", found.offset(f"{side}_{limb}"), f"{side}_{limb}", own)
             for limb, own in (("hand", law), ("elbow", below), ("knee", below))
             for side in SIDES
         }
+        self.legs = {
+            side: tuple(point(f"{side}_{end}", found.offset(f"{side}_{end}"), end, law) for end in ("hip", "ankle"))
+            for side in SIDES
+        }
         self.posture = Posture(law=P(POSTURE), name="posture")
+        self.com = Com(axes="xy", law=law, name="com")
+        self.com_height = Com(axes="z", law=law, name="com_height")
         self.base, self.joints = (
             Pose(frame=found.frames["pelvis"], law=below, name="base"),
             Posture(law=below, name="joints"),
@@ -172,6 +181,17 @@ class Stacks:
         )  # no row of it turns: nothing for a price to calm
         return self._stack(kept, motion)
 
+    def carrying(self, standing: Standing) -> Stack:
+        """For a planned CoM: soles of standing and moving feet > CoM > its height > hands > trunk > joints."""
+        levels = self._levels(standing)
+        stand = {side for side, _ in standing}
+        kept = {name: levels[name] for name in ("stance", "ground", "swing")}
+        kept["swing"] = [*kept["swing"], *(self.soles[side] for side in SIDES if side not in stand)]
+        kept |= {"com": [self.com], "com_height": [self.com_height], "hands": levels["hands"]}
+        kept["trunk"] = [self.torso, self.hips]
+        declared = [Level(*tasks, name=name, price=0) for name, tasks in kept.items() if tasks]
+        return Stack(*declared, Level(self.joints, name="motion", price=0), subject_to=self._subject_to)
+
     def _stack(self, levels: dict[str, list[Any]], *below: Level) -> Stack:
         declared = (Level(*tasks, name=name) for name, tasks in levels.items() if tasks)
         return Stack(*declared, *below, subject_to=self._subject_to)
@@ -181,17 +201,18 @@ class Stacks:
         stand, lines = {side for side, _ in standing}, [self.lines[side] for side, _ in standing]
         down = [self.down(side, end).name for side, end in standing]
         raised = [self.down(side, -end).name for side, end in standing]
+        kept: list[Any] = [self.heights[name] for name in raised]
         return {
             "stance": [self.spots[name] for name in down],
             "ground": [
                 *(self.heights[name] for name in down),
-                *(self.above[name] for name in raised),
+                *(kept if self.flat else (self.above[name] for name in raised)),
                 *(() if turned else lines),
             ],
             "swing": [self.toes[side] for side in SIDES if side not in stand],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
             "soles": [
-                *(self.heights[name] for name in raised),
+                *(() if self.flat else kept),
                 *(self.soles[side] for side in SIDES if side not in stand),
                 *(lines if turned else ()),
             ],

@@ -137,7 +137,7 @@ def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: f
     yaw = _heading(way, _trunk(joints))
     weight = smooth(mask, fps)
     tilt = (1.0 - weight) * tilt + weight * np.sign(tilt) * np.maximum(np.abs(tilt) - FLAT, 0.0)
-    place = ankle + np.einsum("tij,j->ti", _turned(yaw, tilt), body.levers[side])
+    place = ankle + np.einsum("tij,j->ti", turned(yaw, tilt), body.levers[side])
     shift, turn = np.zeros_like(place), np.zeros(len(yaw))
     for first, last in runs(mask):
         here = slice(first, last)
@@ -145,19 +145,19 @@ def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: f
         rest = np.flatnonzero(flat) if flat.any() else np.arange(last - first)
         mean = float(np.median(yaw[here][rest]))
         turn[here] = mean - yaw[here]
-        upright = _turned(np.full(last - first, mean), np.zeros(last - first))
+        upright = turned(np.full(last - first, mean), np.zeros(last - first))
         spot = np.median((ankle[here] + np.einsum("tij,j->ti", upright, body.levers[side]))[rest], axis=0)
         spot[2] = max(spot[2], 0.0) if ground[first] > 0.0 else 0.0
         edge = np.where(tilt[here, None] > 0.0, body.toes[side], body.heels[side])
         pivot = spot + np.einsum("tij,tj->ti", upright, edge)
         shift[here] = (
-            pivot - np.einsum("tij,tj->ti", _turned(np.full(last - first, mean), tilt[here]), edge) - place[here]
+            pivot - np.einsum("tij,tj->ti", turned(np.full(last - first, mean), tilt[here]), edge) - place[here]
         )
     if mask.any():
         times, known = np.arange(len(mask)), np.flatnonzero(mask)
         shift = np.column_stack([np.interp(times, known, shift[known, k]) for k in range(3)])
         turn = np.interp(times, known, turn[known])
-    return place + shift, _turned(yaw + turn, tilt), np.sign(tilt).astype(np.int8)
+    return place + shift, turned(yaw + turn, tilt), np.sign(tilt).astype(np.int8)
 
 
 def _heading(way: Mat, trunk: Mat) -> Vec:
@@ -195,7 +195,7 @@ def _median(vectors: Mat) -> float:
     return float(np.median(np.linalg.norm(vectors, axis=1)))
 
 
-def _turned(yaw: Vec, tilt: Vec) -> Mat:
+def turned(yaw: Vec, tilt: Vec) -> Mat:
     """Rz(yaw) Ry(tilt) ``(T, 3, 3)``: a positive tilt lifts the heel."""
     c, s, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(tilt), np.sin(tilt)
     zero = np.zeros_like(c)
@@ -203,8 +203,8 @@ def _turned(yaw: Vec, tilt: Vec) -> Mat:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def smooth(mask: Mask, fps: float) -> Vec:
-    """1 where the mask is, and down to 0 within ``RAMP`` around it, without a corner ``(T,)``."""
+def smooth(mask: Mask, fps: float, ramp: float = RAMP) -> Vec:
+    """1 where the mask is, and down to 0 within ``ramp`` [s] around it, without a corner ``(T,)``."""
     if not mask.any():
         return np.zeros(len(mask))
     known = np.flatnonzero(mask)
@@ -212,5 +212,5 @@ def smooth(mask: Mask, fps: float) -> Vec:
     left = np.arange(len(mask)) - known[np.maximum(after - 1, 0)]
     right = known[np.minimum(after, known.size - 1)] - np.arange(len(mask))
     away = np.minimum(np.where(left < 0, len(mask), left), np.where(right < 0, len(mask), right))
-    x = np.clip(1.0 - away / (RAMP * fps), 0.0, 1.0)
+    x = np.clip(1.0 - away / (ramp * fps), 0.0, 1.0)
     return np.asarray(x * x * (3.0 - 2.0 * x))

@@ -25,6 +25,8 @@ from .stacks import Stacks, Standing
 from .targets import Targets
 
 if TYPE_CHECKING:
+    from hqp.explanation.account import TickAccount
+
     from .smoothing import Course
 
 RELEASE = 0.2
@@ -88,8 +90,11 @@ class Tracker:
     def __init__(self, robot: Robot, stacks: Stacks, targets: Targets) -> None:
         self.robot, self.stacks, self.targets = robot, stacks, targets
         self.dt = 1.0 / targets.fps
-        self.sessions, self._starting, self._closing = (
-            Sessions(robot, self.dt, stack) for stack in (stacks.stack, stacks.starting, stacks.closing)
+        self.carries: Course | None = None
+        """References of the pass with a planned CoM, once there is one."""
+        self.sessions, self._starting, self._closing, self._carrying = (
+            Sessions(robot, self.dt, stack)
+            for stack in (stacks.stack, stacks.starting, stacks.closing, stacks.carrying)
         )
         points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
         edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
@@ -141,7 +146,8 @@ class Tracker:
             ground = self._ground[side][i : i + 1]
             found.append(Reference(self.stacks.heights[task.name].name, ground))
             raised, line = self.stacks.down(side, -ends[side]).name, self.stacks.lines[side]
-            found.append(Reference(self.stacks.above[raised].name, ground))
+            if not self.stacks.flat:
+                found.append(Reference(self.stacks.above[raised].name, ground))
             found.append(Reference(line.name, R @ line.axis, ZERO))
             place, rate = self._edges[raised]
             found.append(Reference(self.stacks.heights[raised].name, place[i, 2:], sign * rate[between, 2:]))
@@ -166,7 +172,7 @@ class Tracker:
 
         course: references of the last pass, which runs forwards; standing feet are corrected to ``SLIDE`` only there.
         """
-        sessions = self._closing if course else self.sessions
+        sessions = self._last(course) if course else self.sessions
         step = 1 if last >= first else -1
         qs, vs, statuses = [q], [v], []
         holds = {side: Hold(RELEASE / self.dt) for side in SIDES}
@@ -180,9 +186,7 @@ class Tracker:
             self._hold(state, i, feet, holds, course)
             standing = tuple((side, holds[side].end) for side in feet)
             session = sessions.of(standing)
-            found = {r.name: r for r in self.references(i, j, standing, holds)}
-            found |= course.references(i) if course else {}
-            references = [r for r in found.values() if r.name in session]
+            references = self._with(course, i, self.references(i, j, standing, holds), session)
             spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end in (standing if course else ())]
             state, bent, status = self._moved(session, state, references, spots, bent)
             qs.append(state.q)
@@ -190,10 +194,33 @@ class Tracker:
             statuses.append(status)
         return Pass(np.array(qs), np.array(vs), statuses)
 
-    def settle(self, q: Vec, frame: int) -> Vec:
-        """Rest configuration of ticks at the targets of one frame, at rest; after ``SETTLING`` at most."""
-        references, v = self.starting(frame), np.zeros(self.robot.nv)
-        session = self._starting.of(self.standing(frame))
+    def account(self, q: Mat, v: Mat, frame: int) -> TickAccount:
+        """Explanation of the tick that leads to a frame, in the stack of ``carries`` if there is one."""
+        i, standing = frame - 1, self.standing(frame - 1)
+        session = (self._last(self.carries) if self.carries else self.sessions).of(standing)
+        state = self.robot.state(q[i], v[i])
+        state.commanded = v[i]
+        references = self._with(self.carries, i, self.references(i, frame, standing, {}), session)
+        return session.step(state, *references).account()
+
+    @staticmethod
+    def _with(course: Course | None, i: int, given: list[Reference], session: Session) -> list[Reference]:
+        """References of a session, those of a course in place of those of the same name."""
+        found = {r.name: r for r in given} | (course.references(i) if course else {})
+        return [r for r in found.values() if r.name in session]
+
+    def _last(self, course: Course) -> Sessions:
+        """Sessions of a last pass."""
+        return self._carrying if course.carries else self._closing
+
+    def settle(self, q: Vec, frame: int, course: Course | None = None) -> Vec:
+        """Rest configuration of ticks at the targets of a frame, or of a course; after ``SETTLING`` at most."""
+        references, v, standing = self.starting(frame), np.zeros(self.robot.nv), self.standing(frame)
+        session = self._starting.of(standing)
+        if course:
+            session = self._last(course).of(standing)
+            found = self._with(course, frame, self.references(frame, frame, standing, {}), session)
+            references = [Reference(r.name, r.value) for r in found]
         for _ in range(math.ceil(SETTLING / self.dt)):
             q, v = session.step(self.robot.state(q, v), *references).advance()
             if float(np.abs(v).max()) < STILL:

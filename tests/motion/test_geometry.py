@@ -41,9 +41,9 @@ from hqp.motion.targets import (
     _knee,
     _toe_height,
     _trunk,
-    _turned,
     smooth,
     targets_of,
+    turned,
 )
 from hqp.motion.tracker import LEAN, OFF, Pass, Tracker
 
@@ -149,8 +149,8 @@ def test_the_lower_end_of_a_foot_is_held_or_the_one_of_before(toe: float, heel: 
 def test_a_foot_is_turned_by_its_yaw_then_its_tilt() -> None:
     yaw, tilt = np.array([0.3, -2.0, 1.0]), np.array([0.4, 0.2, -0.6])
     expected = Rotation.from_euler("ZY", np.column_stack((yaw, tilt))).as_matrix()
-    np.testing.assert_allclose(_turned(yaw, tilt), expected, atol=1e-12)
-    toe = _turned(yaw, np.abs(tilt)) @ [0.1, 0.0, 0.0]
+    np.testing.assert_allclose(turned(yaw, tilt), expected, atol=1e-12)
+    toe = turned(yaw, np.abs(tilt)) @ [0.1, 0.0, 0.0]
     assert np.all(toe[:, 2] < 0.0), "a positive tilt lowers the toe"
 
 

@@ -1,0 +1,259 @@
+"""The dynamics of a retargeted motion: a CoM that the soles' forces can move, and the posture that follows it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
+from hqp.errors import DeclarationError
+from hqp.tasks.polygons import shrunk
+from hqp.tasks.support_polygon import hull
+
+from .body import Body
+from .centroidal import Support, centroidal_plan
+from .clip import low_pass
+from .contacts import Mask
+from .joints import SIDES
+from .rates import velocities
+from .schedule import Schedule
+from .smoothing import LIVELY, Course
+from .targets import smooth
+from .tracker import Pass, Tracker
+
+NODES = 60.0
+"""Nodes of the plan per second, at least."""
+
+MARGIN, SHARE = 0.02, 0.5
+"""Margin of the planned ZMP to the edge of a sole [m], and its limit as a share of the sole's half width."""
+
+BENT = 0.35
+"""Least bend of the knee of a standing leg [rad]: a straight one neither lifts a foot nor moves the CoM."""
+
+PLANS = 3
+"""Number of plans, each with the height that the legs reach under the one before."""
+
+ROUNDS = 2
+"""Number of passes, each planned with the angular momentum of the one before."""
+
+OUTSIDE = 0.01
+"""Distance of a ZMP from the soles beyond which a frame counts as outside [m]."""
+
+LIFTS = 0.05
+"""Time in which moving feet join the CoM's change of height at the ends of a flight [s]."""
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Changes of a motion that make it carriable by the forces of flat soles.
+
+    stands ``(T, 2)``: true while the left or right sole stands.  com, velocity, acceleration ``(T, 3)``: the plan [m,
+    m/s, m/s^2].  zmp ``(T, 2)`` [m]: of the plan, NaN in flight.  shift ``(T,)`` [m]: distance of the plan from the
+    kinematic CoM.  zmp_outside: share of standing frames whose ZMP, angular momentum included, is more than 10 mm
+    outside the soles, before and after.  hands_p99: 99th percentile of the hands' error [m], before and after.  missed
+    [m]: largest distance of the CoM from the plan.
+    """
+
+    stands: Mask
+    com: Mat
+    velocity: Mat
+    acceleration: Mat
+    zmp: Mat
+    shift: Vec
+    zmp_outside: tuple[float, float]
+    hands_p99: tuple[float, float]
+    missed: float
+
+    def thinned(self, each: int) -> Dynamics:
+        """Every ``each``-th frame."""
+        names = ("stands", "com", "velocity", "acceleration", "zmp", "shift")
+        return replace(self, **{name: getattr(self, name)[::each] for name in names})
+
+    def lines(self) -> list[str]:
+        """The changes in words."""
+        (out, now), (hands, after) = self.zmp_outside, self.hands_p99
+        return [
+            f"CoM moved by {1e3 * float(np.median(self.shift)):.0f} mm (median), "
+            f"{1e3 * float(self.shift.max()):.0f} mm at most; it misses its plan by {1e3 * self.missed:.0f} mm at most",
+            f"ZMP more than {1e3 * OUTSIDE:.0f} mm outside the soles: {100 * out:.1f} % of standing frames before, "
+            f"{100 * now:.1f} % after; hands p99 {1e3 * hands:.0f} mm before, {1e3 * after:.0f} mm after",
+        ]
+
+
+def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dynamics]:
+    """A pass again, with a CoM that the standing soles can accelerate; the tracker's targets stand by the schedule.
+
+    Levels: limits, floor, self-collision > standing feet > moving feet > CoM from above > its height > hands > trunk >
+    joints.  Raises DeclarationError for a robot without shapes at its soles.
+    """
+    robot, stacks, fps, q, stands = tracker.robot, tracker.stacks, tracker.targets.fps, found.q, schedule.stands
+    if any(len(stacks.body.soles[side]) < 3 for side in SIDES):
+        allowed = "a robot with collision shapes on both feet"
+        raise DeclarationError("retarget", "dynamics need the outline of the soles", value=robot.name, allowed=allowed)
+    own, spin = centroidal(robot, q, fps)
+    each = max(1, int(fps / NODES))
+    nodes, dt = slice(None, None, each), each / fps
+    supports, legs = supports_of(tracker, q[nodes], stands[nodes], margin=True), _legs(tracker, q[nodes])
+    times = np.minimum(np.arange(len(q)) / fps, (len(legs) - 1) * dt)
+    gravity = float(-robot.gravity[2])
+
+    def once(start: Vec, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
+        plan, highest = None, np.full(len(legs), np.inf)
+        for _ in range(PLANS):
+            plan = centroidal_plan(own[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
+            highest = _reached(stacks.body, own[nodes], plan.com, legs, stands[nodes])
+        assert plan is not None
+        com, rate, push = plan.at(times, dt)
+        tracker.carries = CarriedCourse(tracker, q, com, (com - own)[:, 2] * _in_flight(schedule))
+        settled = tracker.settle(start, 0, tracker.carries)
+        again = tracker.run(settled, np.zeros(robot.nv), 0, len(q) - 1, tracker.carries)
+        return again, (com, rate, push), plan.zmp[np.minimum(np.rint(times / dt).astype(int), len(plan.zmp) - 1)]
+
+    again, (com, rate, push), zmp = once(q[0], spin)
+    for _ in range(1, ROUNDS):
+        again, (com, rate, push), zmp = once(again.q[0], centroidal(robot, again.q, fps)[1])
+    reached, _ = centroidal(robot, again.q, fps)
+    before, after = (share_outside(zmp_outside(tracker, each.q, stands)) for each in (found, again))
+    hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)
+    missed = float(np.linalg.norm(reached - com, axis=1).max())
+    shift = np.asarray(np.linalg.norm(com - own, axis=1))
+    return again, Dynamics(stands, com, rate, push, zmp, shift, (before, after), hands, missed)
+
+
+def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
+    """CoM ``(T, 3)`` [m], and rate of the angular momentum about x and y over the mass ``(T, 2)`` [m^2/s^2].
+
+    Both below ``LIVELY``.
+    """
+    v = velocities(robot, q, fps)
+    com, momentum = np.empty((len(q), 3)), np.empty((len(q), 2))
+    for i, at in enumerate(q):
+        state = robot.state(at, v[i])
+        com[i] = state.com()
+        momenta = state.momentum_map()[0]
+        mass = np.linalg.norm(momenta[:3, 0])  # a push of the base moves all of it
+        momentum[i] = momenta[3:5] @ v[i] / mass
+    if len(q) > 12:
+        com, momentum = low_pass(com, LIVELY, fps), low_pass(momentum, LIVELY, fps)
+    torque: Any = np.gradient(momentum, axis=0)
+    return com, torque * fps
+
+
+def supports_of(tracker: Tracker, q: Mat, stands: Mask, *, margin: bool) -> list[Support | None]:
+    """Polygon of the standing soles from above, frame by frame; margin: true to leave that of a plan."""
+    stacks = tracker.stacks
+    corners = {side: _corners(stacks.body, side, margin) for side in SIDES}
+    found: list[Support | None] = []
+    for at, down in zip(q, stands, strict=True):
+        if not down.any():
+            found.append(None)
+            continue
+        state = tracker.robot.state(at)
+        points = []
+        for side, on in zip(SIDES, down, strict=True):
+            if on:
+                frame = stacks.frames[f"{side}_sole"]
+                offsets = np.array([stacks.in_frame(side, corner) for corner in corners[side]])
+                points.append(state.position(frame) + offsets @ state.rotation(frame).T)
+        found.append(_support(np.vstack(points)))
+    return found
+
+
+def _corners(body: Body, side: str, margin: bool) -> Mat:
+    outline = body.soles[side]
+    half = 0.5 * np.ptp(outline[:, :2], axis=0)
+    inside = min(MARGIN, SHARE * float(half.min())) if margin else 0.0
+    return np.column_stack((np.array(shrunk([(x, y) for x, y, _ in outline.tolist()], inside)), outline[:, 2]))
+
+
+def _support(points: Mat) -> Support:
+    """Polygon of points ``(m, 3)``."""
+    corners = points[hull(points[:, :2]), :2]
+    along = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack((along[:, 1], -along[:, 0]))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Support(normals, np.sum(normals * corners, axis=1), float(points[:, 2].mean()))
+
+
+def zmp_outside(tracker: Tracker, q: Mat, stands: Mask) -> Vec:
+    """Distance of the ZMP of a motion outside the standing soles, angular momentum included ``(T,)`` [m].
+
+    Below 0 inside, NaN in flight.
+    """
+    robot, fps = tracker.robot, tracker.targets.fps
+    com, spin = centroidal(robot, q, fps)
+    acceleration = np.gradient(np.gradient(com, axis=0), axis=0) * fps**2
+    found = np.full(len(q), np.nan)
+    for i, support in enumerate(supports_of(tracker, q, stands, margin=False)):
+        if support is not None:
+            push = max(float(acceleration[i, 2] - robot.gravity[2]), 1e-3)
+            lever = (com[i, 2] - support.height) / push
+            turning = np.array([-spin[i, 1], spin[i, 0]]) / push
+            found[i] = support.outside(com[i, :2] - lever * acceleration[i, :2] + turning)
+    return found
+
+
+def share_outside(distances: Vec) -> float:
+    """Share of standing frames whose ZMP is more than ``OUTSIDE`` outside."""
+    known = distances[np.isfinite(distances)]
+    return float(np.mean(known > OUTSIDE)) if known.size else 0.0
+
+
+def _legs(tracker: Tracker, q: Mat) -> Mat:
+    """Hip and ankle of both legs ``(n, 2, 2, 3)`` [m]."""
+    found = np.empty((len(q), 2, 2, 3))
+    for i, at in enumerate(q):
+        state = tracker.robot.state(at)
+        for k, side in enumerate(SIDES):
+            found[i, k] = [end.value(state) for end in tracker.stacks.legs[side]]
+    return found
+
+
+def _reached(body: Body, own: Mat, plan: Mat, legs: Mat, stands: Mask) -> Vec:
+    """Height of the CoM with the knees of standing legs bent by ``BENT``, the hips moved with the plan ``(n,)`` [m]."""
+    a, b = body.length("hip", "knee"), body.length("knee", "ankle")
+    length = math.sqrt(a * a + b * b + 2.0 * a * b * math.cos(BENT))
+    highest = np.full(len(own), np.inf)
+    for k in range(len(SIDES)):
+        hip, ankle = legs[:, k, 0], legs[:, k, 1]
+        aside = np.linalg.norm(hip[:, :2] + (plan - own)[:, :2] - ankle[:, :2], axis=1)
+        room = ankle[:, 2] + np.sqrt(np.maximum(length**2 - aside**2, 0.0)) - hip[:, 2]
+        highest = np.where(stands[:, k], np.minimum(highest, own[:, 2] + room), highest)
+    return highest
+
+
+def _in_flight(schedule: Schedule) -> Vec:
+    """1 in flight, without a corner at its ends ``(T,)``."""
+    return np.asarray(1.0 - smooth(~schedule.flight, schedule.fps, LIFTS))
+
+
+def _hands_p99(tracker: Tracker, q: Mat) -> float:
+    """99th percentile of the distance of both hands from their targets [m]."""
+    hands = [tracker.stacks.points[f"{side}_hand"] for side in SIDES]
+    off = [
+        float(np.linalg.norm(hand.value(state) - tracker.targets.places[hand.name][i]))
+        for i, state in ((i, tracker.robot.state(at)) for i, at in enumerate(q))
+        for hand in hands
+    ]
+    return float(np.quantile(off, 0.99))
+
+
+class CarriedCourse(Course):
+    """References of a pass with a planned CoM ``(T, 3)``; lift ``(T,)`` [m]: height added to moving feet."""
+
+    carries = True
+
+    def __init__(self, tracker: Tracker, q: Mat, com: Mat, lift: Vec) -> None:
+        fps, stacks = tracker.targets.fps, tracker.stacks
+        super().__init__(tracker, q, stacks.torso, stacks.hips, *stacks.soles.values())
+        rate: Any = fps * np.diff(com, axis=0)
+        self._motion[stacks.com.name] = com[:, :2], rate[:, :2]
+        self._motion[stacks.com_height.name] = com[:, 2:], rate[:, 2:]
+        up = np.column_stack((np.zeros((len(q), 2)), lift))
+        for _, edge in stacks.edges:
+            place, velocity = self._motion[edge.name]
+            self._motion[edge.name] = place + up, velocity + fps * np.diff(up, axis=0)

@@ -1,0 +1,184 @@
+"""Contact schedule of a robot that carries a motion out: the sole that stands flat, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+
+from .body import Body
+from .clip import low_pass
+from .contacts import Contacts, Mask, runs
+from .joints import SIDES
+from .smoothing import LIVELY
+from .targets import Targets, smooth, turned
+
+BOTH, LEFT, RIGHT, FLIGHT = range(4)
+STANDS = ((True, True), (True, False), (False, True), (False, False))
+"""Left and right sole, by state of the schedule."""
+
+LEAST = (0.1, 0.2, 0.2, 0.08)
+"""Shortest duration of each state [s]: the load changes feet within 0.1 s, a foot swings for 0.2 s."""
+
+CHANGE = 0.04
+"""Cost of a change of state, as time with one foot that contradicts the person [s]."""
+
+QUICK, HIGH = 1.0, 0.06
+"""Speed [m/s] and height [m], for a leg of 1 m, at which a foot costs 1 more as a standing foot."""
+
+MOST = 9.0
+"""Largest part of speed or height in that cost."""
+
+FALLING = 0.5
+"""Downward acceleration of the hips as a share of g above which both feet may be in the air."""
+
+CLEAR = 0.03
+"""Height of a swing foot half way between two places [m]."""
+
+FLATTENS = 0.12
+"""Time before and after a stance in which the sole turns flat [s]."""
+
+GRAVITY, LEG = 9.81, 0.8
+"""Gravity in which the person moves [m/s^2], and length of the person's leg, whose unit is unknown [m]."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """stands ``(T, 2)``: true while the left or the right sole stands flat.  fps [1/s]."""
+
+    stands: Mask
+    fps: float
+
+    @property
+    def flight(self) -> Mask:
+        """True while no sole stands ``(T,)``."""
+        return np.asarray(~self.stands.any(axis=1))
+
+    @property
+    def changes(self) -> int:
+        """Number of frames in which a sole comes down or lifts."""
+        return int(np.count_nonzero((self.stands[1:] != self.stands[:-1]).any(axis=1)))
+
+
+def schedule_of(targets: Targets, body: Body) -> Schedule:
+    """The schedule that contradicts the person's feet least, each state for its shortest duration at least.
+
+    At least one sole stands unless the hips fall; a step passes through a time on both feet.  A frame costs, by foot, 0
+    for one that rests and stands, 20 for one that rests and is in the air, 1 for one that moves and is in the air, and
+
+        1.2 + min((height / HIGH)^2, MOST) + min((speed / QUICK)^2, MOST)
+
+    for one that moves and stands.  Solved exactly by dynamic programming over states and their age (Viterbi 1967).
+    """
+    own = _costs(targets, body.leg)
+    least = [max(1, round(time * targets.fps)) for time in LEAST]
+    return Schedule(np.array(STANDS)[_cheapest(own, least, CHANGE * targets.fps)], targets.fps)
+
+
+def _costs(targets: Targets, leg: float) -> Mat:
+    """Cost of each state, frame by frame ``(T, 4)``."""
+    stands, lifts = [], []
+    for side in SIDES:
+        place, rest = targets.places[f"{side}_sole"], targets.contacts.resting[f"{side}_foot"]
+        speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * targets.fps
+        height = place[:, 2]
+        if rest.any():
+            height = height - np.interp(np.arange(len(place)), np.flatnonzero(rest), place[rest, 2])
+        moving = 1.2 + np.minimum((height / (HIGH * leg)) ** 2, MOST) + np.minimum((speed / (QUICK * leg)) ** 2, MOST)
+        stands.append(np.where(rest, 0.0, moving))
+        lifts.append(np.where(rest, 20.0, 1.0))
+    own = np.zeros((len(targets), len(STANDS)))
+    for j, state in enumerate(STANDS):
+        for k, on in enumerate(state):
+            own[:, j] += stands[k] if on else lifts[k]
+    own[~_falling(targets, leg), FLIGHT] = np.inf
+    return own
+
+
+def _falling(targets: Targets, leg: float) -> Mask:
+    """True while the person's hips fall freely: lengths are in the robot's size, time is the person's."""
+    height = low_pass(targets.places["pelvis"][:, 2], LIVELY, targets.fps) * LEG / leg
+    acceleration = np.gradient(np.gradient(height)) * targets.fps**2
+    return np.asarray(acceleration < -FALLING * GRAVITY)
+
+
+def _cheapest(own: Mat, least: list[int], change: float) -> list[int]:
+    """State of each frame on the cheapest path; a state ends after ``least`` frames at the earliest."""
+    ages = [(state, age) for state in range(len(least)) for age in range(least[state])]
+    state = np.array([s for s, _ in ages])
+    first: Any = np.array([ages.index((s, 0)) for s in range(len(least))])
+    last: Any = np.array([ages.index((s, n - 1)) for s, n in enumerate(least)])
+    allowed = ~np.eye(len(least), dtype=bool)
+    allowed[LEFT, RIGHT] = allowed[RIGHT, LEFT] = False
+    extra = np.where(allowed, change, np.inf)
+    best: Any = np.full(len(ages), np.inf)
+    best[last] = own[0]  # the clip begins within a state
+    back = np.zeros((len(own), len(ages)), dtype=int)
+    older = np.arange(len(ages)) - 1
+    for i in range(1, len(own)):
+        found = best[older]
+        found[first] = np.inf
+        back[i] = older
+        stays = best[last] < found[last]
+        found[last[stays]] = best[last[stays]]
+        back[i, last[stays]] = last[stays]
+        enters = best[last][:, None] + extra
+        source = enters.argmin(axis=0)
+        entered = enters[source, np.arange(len(least))]
+        quick = entered < found[first]
+        found[first[quick]], back[i, first[quick]] = entered[quick], last[source[quick]]
+        best = found + own[i][state]
+    at, path = int(best.argmin()), []
+    for i in range(len(own) - 1, -1, -1):
+        path.append(int(state[at]))
+        at = int(back[i, at])
+    return path[::-1]
+
+
+def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
+    """The same with feet as the schedule has them: flat at one place while they stand, clear of the ground between.
+
+    A foot in the air keeps the person's motion, shifted to the places before and after.
+    """
+    places, axes, edge = dict(targets.places), dict(targets.axes), {}
+    resting, ground = dict(targets.contacts.resting), dict(targets.contacts.ground)
+    for k, side in enumerate(SIDES):
+        sole, foot, mask = f"{side}_sole", f"{side}_foot", schedule.stands[:, k]
+        places[sole], axes[sole], ground[foot] = _grounded(targets, body, side, mask)
+        edge[side], resting[foot] = np.zeros(len(targets), dtype=np.int8), mask
+    return replace(targets, places=places, axes=axes, edge=edge, contacts=Contacts(resting, ground))
+
+
+def _grounded(targets: Targets, body: Body, side: str, mask: Mask) -> tuple[Mat, Mat, Vec]:
+    """Places ``(T, 3)`` and axes ``(T, 3, 3)`` of a sole that stands by a mask, and the height under it ``(T,)``."""
+    frames, rest = len(targets), targets.contacts.resting[f"{side}_foot"]
+    home = body.axes[f"{side}_sole"]
+    R = targets.axes[f"{side}_sole"] @ home.T
+    yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+    tilt = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
+    flat = (1.0 - smooth(mask, targets.fps, FLATTENS)) * tilt
+    pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
+    place = targets.places[f"{side}_sole"] + np.einsum("tij,tj->ti", R - turned(yaw, flat), pivot)
+    shift, turn, level = np.zeros((frames, 3)), np.zeros(frames), np.zeros(frames)
+    for first, last in runs(mask):
+        known = first + np.flatnonzero(rest[first:last])
+        used = known if known.size else np.arange(first, last)
+        height = float(np.median(targets.contacts.ground[f"{side}_foot"][known])) if known.size else 0.0
+        above = float(np.median(place[known, 2])) if height > 0.0 else 0.0
+        spot = np.array([*np.median(place[used, :2], axis=0), above])
+        level[first:last], shift[first:last] = height, spot - place[first:last]
+        turn[first:last] = float(np.median(yaw[used])) - yaw[first:last]
+    stands, every = np.flatnonzero(mask), np.arange(frames)
+    if stands.size:
+        shift = np.column_stack([np.interp(every, stands, shift[stands, j]) for j in range(3)])
+        turn = np.interp(every, stands, turn[stands])
+    place = place + shift
+    for first, last in runs(~mask):
+        if first > 0 and last < frames:
+            s = (np.arange(first, last) - first + 1) / (last - first + 1)
+            straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
+            place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
+    return place, turned(yaw + turn, flat) @ home, level

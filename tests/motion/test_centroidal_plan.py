@@ -1,0 +1,244 @@
+"""Motion with dynamics: the schedule of soles, the plan of the CoM, and the posture that follows it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
+from hqp.motion import Retargeted, retarget
+from hqp.motion.body import Body
+from hqp.motion.centroidal import CentroidalPlan, Support, centroidal_plan
+from hqp.motion.contacts import runs
+from hqp.motion.dynamics import supports_of, zmp_outside
+from hqp.motion.joints import parts_of
+from hqp.motion.schedule import FLIGHT, LEAST, LEFT, RIGHT, _cheapest
+from hqp.motion.skeleton_map import find_map
+from hqp.motion.stacks import Stacks
+from hqp.motion.targets import targets_of
+from hqp.motion.tracker import Tracker
+
+from .people import crouch, stand, walk
+
+G, DT = 9.81, 1.0 / 60.0
+
+
+def _square(x: float, y: float, half: float, heading: float = 0.0) -> Support:
+    """A square sole with its middle at x, y, everything turned by a heading [m, rad]."""
+    c, s = math.cos(heading), math.sin(heading)
+    normals = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]) @ np.array([[c, s], [-s, c]])
+    middle = np.array([[c, -s], [s, c]]) @ [x, y]
+    return Support(normals, normals @ middle + half, 0.0)
+
+
+def _drawn(seed: int, heading: float = 0.0) -> tuple[Mat, list[Support | None], Mat]:
+    """A person's CoM over steps of random length and time, the soles under it, and a random angular momentum."""
+    rng = np.random.default_rng(seed)
+    supports: list[Support | None] = []
+    x, side = 0.0, 1.0
+    for _ in range(4):
+        step = float(rng.uniform(0.0, 0.2))
+        wide, far = 0.1 + 0.03, 0.5 * step + 0.05
+        supports += [_square(x, side * 0.1, 0.04, heading)] * int(rng.integers(18, 30))
+        both = _square(x + 0.5 * step, 0.0, 0.0, heading)
+        edges = np.array([far, wide, far, wide])
+        supports += [both._replace(offsets=both.offsets + edges)] * int(rng.integers(8, 14))
+        x, side = x + step, -side
+    n = len(supports)
+    times: Any = np.arange(n) * DT
+    com: Any = np.column_stack((x * times / times[-1], 0.0 * times, 0.6 + 0.01 * np.sin(9.0 * times)))
+    c, s = math.cos(heading), math.sin(heading)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    spin = 0.05 * np.sin(6.0 * times)[:, None] * rng.uniform(-1.0, 1.0, 2)
+    return com @ turn.T, supports, spin @ turn[:2, :2].T
+
+
+def _planned(seed: int, heading: float = 0.0) -> tuple[CentroidalPlan, list[Support | None], Mat]:
+    com, supports, spin = _drawn(seed, heading)
+    return centroidal_plan(com, supports, DT, gravity=G, highest=np.full(len(com), np.inf), spin=spin), supports, spin
+
+
+@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(s, marks=pytest.mark.slow) for s in range(3, 23))])
+def test_forces_of_the_plan_act_inside_the_soles(seed: int) -> None:
+    """The moment of the ground's force about the ZMP, from the CoM's acceleration and the angular momentum, is zero."""
+    plan, supports, spin = _planned(seed)
+    inside = 0
+    for k, support in enumerate(supports):
+        assert support is not None
+        force = plan.acceleration[k] + [0.0, 0.0, G]
+        lever = plan.com[k] - [*plan.zmp[k], support.height]
+        moment = np.cross(lever, force)[:2] + spin[k]
+        np.testing.assert_allclose(moment, 0.0, atol=1e-6)
+        inside += support.outside(plan.zmp[k]) < 1e-4
+    assert inside >= 0.98 * len(supports)
+    steps: Any = np.arange(len(supports) - 1) * DT
+    for share in (0.0, 1.0):
+        found = plan.at(steps + share * DT * (1.0 - 1e-9), DT)
+        there = slice(None, -1) if share == 0.0 else slice(1, None)
+        for value, node in zip(found, (plan.com, plan.velocity, plan.acceleration), strict=True):
+            np.testing.assert_allclose(value, node[there], atol=1e-5)
+
+
+def test_a_plan_turns_with_its_motion() -> None:
+    own, _, _ = _planned(5)
+    for heading in 2.0 * math.pi * np.arange(1, 36, 5) / 36.0:
+        turned, _, _ = _planned(5, heading)
+        c, s = math.cos(heading), math.sin(heading)
+        back = np.array([[c, -s], [s, c]])
+        np.testing.assert_allclose(turned.com[:, :2] @ back, own.com[:, :2], atol=2e-4)
+        np.testing.assert_allclose(turned.com[:, 2], own.com[:, 2], atol=1e-5)
+
+
+def test_flight_is_free_fall() -> None:
+    n = 60
+    com: Any = np.column_stack((0.3 * np.arange(n) * DT, np.zeros(n), np.full(n, 0.6)))
+    supports: list[Support | None] = [_square(0.15, 0.0, 0.1)] * n
+    supports[25:37] = [None] * 12
+    plan = centroidal_plan(com, supports, DT, gravity=G, highest=np.full(n, np.inf))
+    np.testing.assert_allclose(plan.acceleration[25:37], [[0.0, 0.0, -G]] * 12, atol=1e-4)
+    assert np.isnan(plan.zmp[25:37]).all()
+    assert np.isfinite(plan.zmp[:25]).all()
+    assert (plan.acceleration[[24, 37], 2] > -G).all()
+
+
+def test_legs_bound_the_height() -> None:
+    com, supports, _ = _drawn(1)
+    highest = np.full(len(com), 0.55)
+    plan = centroidal_plan(com, supports, DT, gravity=G, highest=highest)
+    assert plan.com[:, 2].max() < 0.55 + 1e-4
+
+
+def test_the_schedule_is_the_cheapest_one() -> None:
+    """Beside all sequences of states that last long enough."""
+    rng, least, change = np.random.default_rng(3), [2, 3, 2, 1], 0.7
+    for _ in range(6):
+        own = rng.uniform(0.0, 3.0, (7, 4))
+        own[:, FLIGHT] += np.where(rng.random(7) < 0.6, np.inf, 0.0)
+        best = math.inf
+        for path in itertools.product(range(4), repeat=7):
+            pairs = list(itertools.pairwise(path))
+            if (LEFT, RIGHT) in pairs or (RIGHT, LEFT) in pairs:
+                continue
+            lengths = [(state, len(list(run))) for state, run in itertools.groupby(path)]
+            if any(length < least[state] for state, length in lengths[1:-1]):
+                continue
+            cost = sum(own[i, state] for i, state in enumerate(path)) + change * (len(lengths) - 1)
+            best = min(best, cost)
+        found = _cheapest(own, least, change)
+        changes = sum(a != b for a, b in itertools.pairwise(found))
+        assert sum(own[i, state] for i, state in enumerate(found)) + change * changes == pytest.approx(best)
+
+
+@pytest.fixture(scope="module")
+def g1() -> hqp.robots.Robot:
+    return hqp.robots.load("g1")
+
+
+@pytest.fixture(scope="module")
+def walked(g1: hqp.robots.Robot) -> Retargeted:
+    return retarget(walk(1.2, speed=0.4, fps=120.0), g1, dynamics=True)
+
+
+def test_a_walk_steps_by_its_schedule(walked: Retargeted) -> None:
+    dynamics = walked.dynamics
+    assert dynamics is not None
+    stands = dynamics.stands
+    assert stands.any(axis=1).all()
+    assert not ((stands[1:] == ~stands[:-1]).all(axis=1)).any()
+    for column in stands.T:
+        for first, last in runs(~column)[1:-1]:
+            assert (last - first) / walked.fps >= LEAST[LEFT] - 2.0 / walked.fps
+    soles = [walked.robot.landmarks["soles"][k] for k in (0, 1)]
+    for k, sole in enumerate(soles):
+        states = (walked.robot.state(q) for q in walked.q[stands[:, k]])
+        assert min(float(state.rotation(sole)[2, 2]) for state in states) > math.cos(0.02)
+    before, after = dynamics.zmp_outside
+    assert after < 0.5 * before
+    assert f"{100 * after:.1f} % after" in str(walked)
+
+
+@pytest.mark.parametrize("heading", [2.1, *(pytest.param(h, marks=pytest.mark.slow) for h in (0.0, 3.1, 4.4))])
+def test_one_who_stands_is_left_alone(heading: float, g1: hqp.robots.Robot) -> None:
+    found = retarget(stand(0.4, heading), g1, dynamics=True)
+    assert found.dynamics is not None
+    assert found.dynamics.shift.max() < 1e-3
+    assert found.dynamics.zmp_outside == (0.0, 0.0)
+    assert np.ptp(found.angles, axis=0).max() < 0.02
+
+
+def _wrench(robot: Any, q: Mat, i: int, fps: float) -> tuple[Vec, Vec]:
+    """Force and moment about the world's origin that the ground gives, by Pinocchio's inverse dynamics.
+
+    Of all virtual motions, those of the free base do the work of the ground's wrench alone.
+    """
+    window = np.array([robot.difference(q[i], q[i + k]) for k in range(-8, 9)])
+    fit = np.polynomial.polynomial.polyfit(np.arange(-8, 9) / fps, window, 4)
+    data = robot.model.createData()
+    tau: Any = pin.rnea(robot.model, data, q[i], fit[1], 2.0 * fit[2])
+    pin.forwardKinematics(robot.model, data, q[i])
+    base = data.oMi[1]
+    force = base.rotation @ tau[:3]
+    return force, base.rotation @ tau[3:6] + np.cross(base.translation, force)
+
+
+def test_the_grounds_force_moves_the_com_as_planned(walked: Retargeted) -> None:
+    """Half of the frames are within 5 % of the weight, nine of ten within 15 %: feet change within a frame."""
+    dynamics = walked.dynamics
+    assert dynamics is not None
+    robot: Any = walked.robot
+    weight, off = robot.mass * G, []
+    for i in range(24, len(walked) - 24, 3):
+        force, _ = _wrench(walked.robot, walked.q, i, walked.fps)
+        off.append(np.abs(force / weight - (dynamics.acceleration[i] / G + [0.0, 0.0, 1.0])).max())
+    assert np.median(off) < 0.05
+    assert np.quantile(off, 0.9) < 0.15
+
+
+def test_the_zmp_of_a_motion_is_that_of_its_ground_reaction(g1: hqp.robots.Robot) -> None:
+    """Angular momentum included: a drawn motion of all joints, judged by Pinocchio."""
+    rng, fps = np.random.default_rng(2), 120.0
+    found = find_map(None, g1)
+    body = Body.of(g1, found)
+    motion = stand(1.5).at_rate(fps)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    tracker = Tracker(g1, Stacks(g1, found, body, 1.0 / fps, flat=True), targets)
+    swing, phase = rng.uniform(-0.15, 0.15, g1.nv), rng.uniform(0.0, 6.28, g1.nv)
+    times = np.arange(len(targets)) / fps
+    q = np.array([g1.integrate(g1.home, swing * np.sin(2.0 * np.pi * t + phase), 1.0) for t in times])
+    stands = np.ones((len(q), 2), dtype=bool)
+    measured = zmp_outside(tracker, q, stands)
+    supports = supports_of(tracker, q, stands, margin=False)
+    for i in range(30, len(q) - 30, 12):
+        force, moment = _wrench(g1, q, i, fps)
+        support = supports[i]
+        assert support is not None
+        zmp = np.array([-moment[1], moment[0]]) / force[2] + support.height * force[:2] / force[2]
+        assert support.outside(zmp) == pytest.approx(measured[i], abs=4e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["talos", "cbi"])
+def test_the_plan_leads_on_other_robots(robot: str) -> None:
+    """Without self-collision: thighs of Talos, whose capsules overlap at home, keep it from bending its knees."""
+    found = retarget(crouch(1.5), robot, dynamics=True, collision=False)
+    assert found.dynamics is not None
+    before, after = found.dynamics.zmp_outside
+    assert after <= before
+    assert found.dynamics.missed < 0.05
+
+
+def test_dynamics_need_the_outline_of_the_soles(g1: hqp.robots.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    from hqp.motion import body
+    from hqp.robots import soles
+
+    monkeypatch.setattr(soles, "level_sole", lambda robot, frame: np.zeros((0, 3)))
+    assert body._outline(g1, "left_sole", np.zeros(3)).shape == (2, 2)
+    with pytest.raises(DeclarationError, match="outline of the soles"):
+        retarget(stand(0.2), g1, dynamics=True)
