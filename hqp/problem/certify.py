@@ -25,7 +25,7 @@ from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.completion import Choice, unseen
-from hqp.problem.graded import is_graded
+from hqp.problem.graded import Errors, is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.null_directions import without_rounding
 from hqp.problem.stage_conditions import Walk
@@ -186,7 +186,8 @@ def _verdict(
         least = NULL_SPACE_ROUNDING * np.maximum(sizes, far * lengths)  # rounding, if less
         missed = np.where(np.abs(w) > least, w, 0.0)
         if is_graded(lengths, zero) and np.any(missed):
-            gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x)
+            exact = Errors(np.zeros(rows.m), np.zeros(rows.m))
+            gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x, exact)
         else:
             gap, shares = judge.judge(A.T @ missed, scale)
             if longest > 0.0 and np.any(missed):

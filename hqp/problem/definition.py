@@ -23,7 +23,7 @@ import numpy as np
 from hqp.arrays import Mask, Mat, Vec, longest_row, right_vectors, row_lengths
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.completion import chosen, completion
-from hqp.problem.graded import best_step, pull
+from hqp.problem.graded import Errors, best_step, pull
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, row_sizes, stack_rows
 from hqp.tolerances import MET_TOLERANCE, NULL_SPACE_ROUNDING, RANK_TOLERANCE, RESTING, ROUNDING
@@ -254,7 +254,8 @@ class _Program:
         size = np.abs(v)
         size[:n] += RESTING * size[:n].max(initial=0.0)
         rows, sizes = self.T @ self.Z, np.maximum(np.abs(self.T) @ size + np.abs(self.t), 1e-150)
-        found = pull(rows @ face.T, rows @ along.T, w, self.lengths, sizes, NULL_SPACE_ROUNDING / FLAT)
+        exact = Errors(np.zeros(w.size), np.zeros(w.size))
+        found = pull(rows @ face.T, rows @ along.T, w, self.lengths, sizes, NULL_SPACE_ROUNDING / FLAT, exact)
         held, normals = np.zeros(side.size, dtype=bool), (cone @ along.T).T
         left = -found.along / max(found.size, 1e-300)
         left = left - normals @ nonnegative_least_squares(normals, left)

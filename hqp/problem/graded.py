@@ -31,16 +31,25 @@ class Pull:
     taken: float
 
 
-def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: float) -> Pull:
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """Errors of rows, ``(m,)`` each: of an entry on the face, and of a slack."""
+
+    entry: Vec
+    slack: Vec
+
+
+def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: float, errors: Errors) -> Pull:
     """along' w after the step that is best for ||w||, w = slack + face step.
 
     face: ``(m, f)`` rows in coordinates of the face of all active rows; along: ``(m, k)`` in those of the active rows;
     slack, lengths: ``(m,)``; sizes: ``(m,)``, sizes that errors of the rows are relative to.  A term is the pull of the
     row, plus its pull for a slack of its size, plus ``rounding`` of either: rounding of a row of unit length, divided
-    by the tolerance.
+    by the tolerance.  Entries within their error add no direction, a slack within its error is not taken away.
     """
-    T, order, _, rank = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW)
-    taken = np.abs(T[:rank, -1]) / sizes[order[:rank]]
+    found = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW, errors)
+    T, order, rank = found.T, found.order, found.rank
+    taken = np.maximum(np.abs(T[:rank, -1]) - found.errors.slack[:rank], 0.0) / sizes[order[:rank]]
     A, w = T[rank:, face.shape[1] : -1], T[rank:, -1]
     size, own = sizes[order[rank:]], lengths[order[rank:]]
     terms = np.linalg.norm(A, axis=1) * (np.abs(w) + size) + rounding * own * (np.abs(w) + rounding * size)
@@ -50,33 +59,48 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: 
 def best_step(face: Mat, slack: Vec, lengths: Vec, least: float = FLAT_ROW) -> Vec:
     """argmin ||slack + face step||, the shortest of them, ``(f,)``; least: share of a row's length above which it adds
     a direction."""
-    T, _, columns, rank = _sorted(face, slack[:, None], lengths, least)
-    found = np.zeros(face.shape[1])
+    none = Errors(np.zeros(slack.size), np.zeros(slack.size))
+    reduced, found = _sorted(face, slack[:, None], lengths, least, none), np.zeros(face.shape[1])
+    T, rank = reduced.T, reduced.rank
     if rank:
         R = T[:rank, :-1] / (own := row_lengths(T[:rank, :-1]))[:, None]
-        found[columns] = -np.linalg.lstsq(R, T[:rank, -1] / own, rcond=None)[0]
+        found[reduced.columns] = -np.linalg.lstsq(R, T[:rank, -1] / own, rcond=None)[0]
     return found
 
 
-def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float) -> tuple[Mat, Index, Index, int]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reduced:
     """The rows [face, beside] after the reflections, the order of rows and of columns of the face, and how many rows,
-    the first, a step can meet."""
+    the first, a step can meet; errors of the rows as they are now."""
+
+    T: Mat
+    order: Index
+    columns: Index
+    rank: int
+    errors: Errors
+
+
+def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float, errors: Errors) -> _Reduced:
     order = np.argsort(-lengths, kind="stable")
     T, own = np.concatenate([face, beside], axis=1)[order], lengths[order]
+    error = np.column_stack([errors.entry, errors.slack])[order]
     f, rank = face.shape[1], 0
     columns = np.arange(f)
     while True:
-        flat = np.abs(T[rank:, rank:f]).max(axis=1, initial=0.0) <= least * own[rank:]
+        flat = np.abs(T[rank:, rank:f]).max(axis=1, initial=0.0) <= np.maximum(least * own[rank:], error[rank:, 0])
         clear = int(np.count_nonzero(~flat))
         if flat[:clear].any():
             last = rank + np.concatenate([np.flatnonzero(~flat), np.flatnonzero(flat)])  # the flat ones only pull
-            T[rank:], own[rank:], order[rank:] = T[last], own[last], order[last]
+            T[rank:], own[rank:], order[rank:], error[rank:] = T[last], own[last], order[last], error[last]
         if not clear or rank == f:
-            return T, order, columns, rank
+            return _Reduced(T, order, columns, rank, Errors(*error.T))
         left = T[rank : rank + clear, rank:f]
         p = rank + int(np.argmax(np.einsum("ij,ij->j", left, left)))
         T[:, [rank, p]], columns[[rank, p]] = T[:, [p, rank]], columns[[p, rank]]
         v = T[rank:, rank].copy()
+        share = np.abs(v) / np.linalg.norm(v)  # of each row in the pivot row, and of that one in each
+        error[rank] = share @ error[rank:]
+        error[rank + 1 :] += share[1:, None] * error[rank]
         v[0] += np.copysign(np.linalg.norm(v), v[0])
         T[rank:, rank:] -= np.outer(2.0 * v / (v @ v), v @ T[rank:, rank:])  # columns before it are zero there
         T[rank + 1 :, rank] = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Vec, longest_row, right_vectors
 from hqp.problem import Rows
-from hqp.problem.graded import pull
+from hqp.problem.graded import Errors, pull
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
@@ -49,8 +49,9 @@ class Judge:
         """Bound on the gap from rounding of the fixed rows and the rows with a multiplier."""
         return min(NULL_SPACE_ROUNDING * (1.0 / self.shortest + self._forces), LARGEST_ROUNDING)
 
-    def judge_graded(self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec) -> tuple[float, Vec]:
-        """Judge A' slack if rows of the level differ in length; lengths: zero for a row that counts as none.
+    def judge_graded(self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec, errors: Errors) -> tuple[float, Vec]:
+        """Judge A' slack if rows of the level differ in length; lengths: zero for a row that counts as none.  errors:
+        beside the rounding of the rows' terms.
 
         The level's own inequalities within a step that does not count of a bound have a multiplier like the rows above.
         """
@@ -67,9 +68,10 @@ class Judge:
         along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
         left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
         B = A[left] @ self.Z
-        found = pull(
-            B @ face.T, B @ along.T, slack[left], lengths[left], size * lengths[left], ROUNDED / self.tolerance
-        )
+        rounded = NULL_SPACE_ROUNDING * (np.abs(slack) + terms(A, x))
+        error = Errors(errors.entry[left], (rounded + errors.slack)[left])
+        sizes, rounding = size * lengths[left], ROUNDED / self.tolerance
+        found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], sizes, rounding, error)
         gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
         return max(gap, found.taken), shares
 

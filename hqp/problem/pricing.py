@@ -41,7 +41,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec, longest_row, row_lengths
 from hqp.problem import Hierarchy, Motion, Rows
-from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, RESTING
+from hqp.tolerances import FEASIBILITY_TOLERANCE, FLAT_TOLERANCE, MET_TOLERANCE, NULL_SPACE_ROUNDING, RESTING, ROUNDED
 
 DEPENDS = 1e-8
 """For a row: the part orthogonal to the rows before it, if it depends on them."""
@@ -83,6 +83,17 @@ class Coordinates:
         """A P, ``(m, n)``: rows on y."""
         return A * self.P if self.P.ndim == 1 else A @ self.P
 
+    def motion_rows(self, A: Mat) -> Mat:
+        """A P of rows that are combinations of those of F, ``(m, n)``: exactly zero where E is flat."""
+        seen = self.rows(A)
+        seen[:, self.moving :] = 0.0
+        return seen
+
+    def error(self, A: Mat) -> Vec:
+        """Error of the entries of A P where E is flat, ``(m,)``, from A's rounding as products: ROUNDED of a row."""
+        flat = self.P[:, self.moving :] if self.P.ndim == 2 else np.zeros((0, 0))
+        return np.asarray(ROUNDED * longest_row(flat.T) * row_lengths(A))
+
     def point(self, y: Vec) -> Vec:
         """x of y, ``(n,)``."""
         return self.still + (self.P * y if self.P.ndim == 1 else self.P @ y)
@@ -117,10 +128,14 @@ class Coordinates:
         left[:, :r] -= (left[:, :r] @ basis.T) @ basis
         return left if self.F.ndim == 1 else np.asarray(left @ self.inverse @ self.back)
 
-    def turning(self, A: Mat, C: Mat) -> Mat:
-        """D F, ``(r, n)``, D the diagonal of d_j."""
-        d = np.sqrt(self.columns(A, C).sum(axis=0))
-        return np.diag(d * self.F) if self.F.ndim == 1 else np.asarray(d[:, None] * self.F)
+    def turning(self, A: Mat, C: Mat, weight: Vec, error: Vec) -> tuple[Mat, Vec]:
+        """D F, ``(r, n)``, D the diagonal of d_j for rows of A that weigh that much; and the share of d_j, ``(r,)``, by
+        which errors of the weights move it."""
+        columns = self.columns(A, C)
+        square = weight**2 @ columns
+        share = np.divide((weight * error) @ columns, square, out=np.zeros(square.size), where=square > 0.0)
+        d = np.sqrt(square)
+        return (np.diag(d * self.F) if self.F.ndim == 1 else np.asarray(d[:, None] * self.F)), share
 
     def columns(self, A: Mat, C: Mat) -> Mat:
         """(A F^+)^2 + (A N F^+)^2, ``(m, r)``: turn of each row by each coordinate of the motion."""
@@ -132,12 +147,14 @@ class Anchor:
     """A level that is not met, at its stage point x_a: 1/2 ||v||^2 / give + 1/2 ||turning (x - x_a)||^2.
 
     rows: the anchored ones, dense, v their slack at x.  give: eta c_a omega_a.  turning: ``(r, n)``,
-    sqrt(t_a) omega_a D_a F.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
+    sqrt(t_a) omega_a D_a F.  uncertain: ``(r,)``, the share of each of its rows that rounding of w may make: a short
+    slack of a long row.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
     """
 
     rows: Rows
     give: float
     turning: Mat
+    uncertain: Vec
     x: Vec
     places: Index
 
@@ -175,12 +192,14 @@ class Above:
         omega = float(np.linalg.norm(w := rows.slack(x)))
         asks, equal = np.isfinite(rows.lower) | np.isfinite(rows.upper), rows.equality
         held = Rows(rows.dense(x.size)[asks], rows.lower[asks], rows.upper[asks])
-        weight = np.where(equal, 1.0, np.abs(w) / omega)[asks, None]
+        A = held.dense(x.size)
+        weight = np.where(equal, 1.0, np.abs(w) / omega)[asks]
+        error = np.where(equal, 0.0, NULL_SPACE_ROUNDING / omega * row_sizes(rows, x))[asks]
         give = problem.eta * float(problem.prices[level]) * omega
         t = 0.0 if problem.turning is None else float(problem.turning[level])
         above = self.hard.dense(x.size)[self.hard.equality]
-        turning = math.sqrt(t) * omega * at.turning(weight * held.dense(x.size), above)
-        anchor = Anchor(kept(held, x), give, turning, x, places[asks])
+        turning, uncertain = at.turning(A, above, weight, error)
+        anchor = Anchor(kept(held, x), give, math.sqrt(t) * omega * turning, uncertain, x, places[asks])
         return replace(self, anchors=(*self.anchors, anchor))
 
     def with_rows(self, rows: Rows, places: Index) -> Above:
@@ -215,10 +234,11 @@ def row_sizes(rows: Rows, x: Vec) -> Vec:
     """Size that the rounding of each row's slack is relative to, ``(m,)``: its terms and its bound.
 
     Entries that rest have the rounding of those that move: none counts for less than RESTING of the largest, or of one.
+    A solve may leave FEASIBILITY_TOLERANCE of a row's length times ||x||: no more than that is met as well.
     """
     bounds = np.where(np.isfinite(rows.lower), rows.lower, np.where(np.isfinite(rows.upper), rows.upper, 0.0))
-    size = np.abs(x)
-    size += RESTING * size.max(initial=1.0)
+    left = FEASIBILITY_TOLERANCE / MET_TOLERANCE * float(np.linalg.norm(x))
+    size = np.abs(x) + max(RESTING * float(np.abs(x).max(initial=1.0)), left)
     return np.asarray(np.abs(rows.dense(x.size)) @ size + np.abs(bounds))
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.definition import solve_level
-from hqp.problem.graded import is_graded
+from hqp.problem.graded import Errors, is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import Above, Coordinates, is_met, stack_rows
@@ -186,18 +186,27 @@ class Walk:
         counts = m * price if price > 0.0 else 1.0
         own = row_lengths(rows.dense(n)) > self._zero
         parts = [Rows(rows.dense(n) * own[:, None], np.where(own, rows.lower, 0.0), np.where(own, rows.upper, 0.0))]
+        seen, errors, unsure = [at.rows(parts[0].dense(n))], [at.error(parts[0].dense(n))], [np.zeros(rows.m)]
         if price > 0.0:
             y = np.diag(at.inverse) if at.inverse.ndim == 1 else at.inverse[: at.moving]
             parts.append(_fixed_at(np.sqrt(counts) * y, at.still))
+            seen.append(np.sqrt(counts) * np.eye(at.moving, n))
+            errors.append(np.zeros(at.moving))
+            unsure.append(np.zeros(at.moving))
         for anchor in self._above.anchors:
-            weight = np.sqrt(counts / anchor.give)
-            parts.append(Rows(weight * anchor.A, weight * anchor.rows.lower, weight * anchor.rows.upper))
-            parts.append(_fixed_at(np.sqrt(counts) * anchor.turning, anchor.x))
-        whole = stack_rows(parts, n)
-        T = at.rows(dense := whole.dense(n))
-        shift = dense @ at.still
+            weight, turning = np.sqrt(counts / anchor.give), np.sqrt(counts) * anchor.turning
+            A = weight * anchor.A
+            parts.append(Rows(A, weight * anchor.rows.lower, weight * anchor.rows.upper))
+            parts.append(_fixed_at(turning, anchor.x))
+            seen += [at.rows(A), at.motion_rows(turning)]
+            errors += [at.error(A), np.zeros(len(turning))]
+            unsure += [np.zeros(len(A)), anchor.uncertain]
+        whole, T = stack_rows(parts, n), np.concatenate(seen)
+        shift = whole.A @ at.still
         moved = Rows(T, whole.lower - shift, whole.upper - shift)
-        gap, shares = judge.judge_graded(T, moved, whole.slack(x), row_lengths(T), at.of_point(x))
+        slack, y = whole.slack(x), at.of_point(x)
+        known = Errors(np.concatenate(errors), np.concatenate(unsure) * np.abs(slack))
+        gap, shares = judge.judge_graded(T, moved, slack, row_lengths(T), y, known)
         forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
         for anchor in self._above.anchors:
             forces[anchor.places] = counts / m * anchor.rows.slack(x) / anchor.give

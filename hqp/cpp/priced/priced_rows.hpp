@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "../solver/dense.hpp"
+#include "../solver/violated.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -78,7 +79,8 @@ class PricedRows {
   void rest_at(const double* x) {
     double largest = 1.0;
     for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
-    for (int j = 0; j < n_; ++j) extent_[j] = std::abs(x[j]) + tolerances_.resting * largest;
+    const double left = kMet / tolerances_.met * std::sqrt(dot_any(x, x, n_));  // the exact kernel may leave this much
+    for (int j = 0; j < n_; ++j) extent_[j] = std::abs(x[j]) + larger(tolerances_.resting * largest, left);
   }
   // Return true if slack w of a row is rounding there.
   bool is_met(int k, int i, double w) const { return w == 0.0 || std::abs(w) <= tolerances_.met * size(k, i); }

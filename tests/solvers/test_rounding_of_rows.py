@@ -1,0 +1,79 @@
+"""What rounding leaves of a row must not decide: a bound missed by it is met, an entry made of it is no direction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp.solvers
+from hqp import Hierarchy, Motion, Rows, Status, certificate
+from hqp.problem.graded import Errors, pull
+from hqp.tolerances import FEASIBILITY_TOLERANCE
+from tests.scenes.priced import priced_problem
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_stages_do_not_depend_on_what_the_exact_answer_leaves_of_a_bound(seed: int) -> None:
+    """A solve leaves 1e-11 of a row's length times ||x||: far more than 1e-10 of its terms if its long entries rest.
+
+    A row held at a value that it misses by so little would be an equality in every stage.
+    """
+    rng, n = np.random.default_rng(seed), 6
+    lengths = np.concatenate([[10.0 ** rng.uniform(-4.0, -2.0)], np.full(n - 1, 10.0 ** rng.uniform(0.0, 3.0))])
+    C, A = rng.normal(size=(4, n)) * lengths, rng.normal(size=(4, n))
+    x = np.concatenate([1e3 * rng.normal(size=1), rng.normal(size=n - 1)])
+    upper = C[:, 0] * x[0] + 1e-2 * rng.uniform(-0.5, 0.5, 4) * np.abs(C @ x)
+    levels = Rows(C, np.full(4, -np.inf), upper), Rows(A, A @ x, A @ x)
+    prices = np.array([0.0, 10.0 ** rng.uniform(-3.0, 0.0)])
+    problem = Hierarchy(levels, constraints=1, prices=prices, motion=Motion(np.ones(n)))
+    solver = hqp.solvers.load("lexicographic")
+    workspace: Any = solver.workspace(problem.shape)
+    workspace.solve(problem)
+    exact = solver.solve(problem.exact()).x
+    left = FEASIBILITY_TOLERANCE * np.linalg.norm(C, axis=1) * np.linalg.norm(exact)
+    held = np.abs(C @ exact - upper) < 100.0 * left
+    ends = []
+    for share in (0.0, 0.5, 0.9):
+        missed = exact + np.linalg.lstsq(C[held], share * left[held], rcond=None)[0] if held.any() else exact
+        workspace.native.follow(missed)
+        ends.append(workspace.native.end().copy())
+    assert np.abs(np.ptp(ends, axis=0)).max() < 1e-8 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_entries_within_their_error_add_no_direction(seed: int) -> None:
+    """The slack is the best along all columns that the rows see; the last column is error."""
+    rng = np.random.default_rng(seed)
+    m, seen = 12, 5
+    lengths = 10.0 ** rng.uniform(-1.0, 4.0, m)
+    A = rng.normal(size=(m, seen)) * lengths[:, None]
+    slack = rng.normal(size=m)
+    slack -= A @ np.linalg.lstsq(A / lengths.max(), slack, rcond=None)[0] / lengths.max()
+    errors = 1e-7 * lengths
+    face = np.column_stack([A, errors * rng.uniform(-1.0, 1.0, m)])
+    nothing = np.zeros((m, 0))
+    none = Errors(np.zeros(m), np.zeros(m))
+    clean = pull(A, nothing, slack, lengths, lengths, 0.0, none)
+    known = pull(face, nothing, slack, lengths, lengths, 0.0, Errors(errors, np.zeros(m)))
+    assert known.taken < 10.0 * clean.taken + 1e-9
+    assert pull(face, nothing, slack, lengths, lengths, 0.0, none).taken > 1e3 * known.taken
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("kind", ["row_scales", "zero_rows"])
+def test_a_verdict_does_not_depend_on_the_last_digits_of_an_answer(kind: str, flat: bool) -> None:
+    """A short slack of a long row, of which rounding is a large share, turns the motion of the levels below."""
+    solver, judged = hqp.solvers.load("lexicographic"), 0
+    for seed in (9, 140, *range(100, 108)):
+        problem, rng = priced_problem(kind, seed, flat), np.random.default_rng(seed)
+        solution = solver.solve(problem)
+        if solution.status is not Status.OPTIMAL or solution.stage_points is None:
+            continue
+        for digits in range(4):
+            moved = 1.0 + 1e-16 * digits * np.sign(rng.normal(size=problem.n))
+            verdict = certificate(problem, solution.x * moved, 1e-8, solution.stage_points * moved)
+            assert verdict.ok, f"{seed}, {digits}: {verdict}"
+        judged += 1
+    assert judged
