@@ -32,7 +32,7 @@ class Balance final : public Operation {
       const double speed = product(out_.row(i), v, nv) / out_.weight;
       wanted[i] = out_.reference[i] + (1.0 + k_ / omega) * (c[i] + speed / omega - out_.reference[2 + i]);
     }
-    nearest(wanted, p);
+    hull_.nearest(wanted, p);
     const double share = gravity_ / over(z, p);
     for (int i = 0; i < 2; ++i) {
       out_.error[i] = share * (p[i] - c[i]);
@@ -71,22 +71,6 @@ class Balance final : public Operation {
     slope_[0] = line ? 0.0 : (yy * xz - xy * yz) / size;
     slope_[1] = line ? 0.0 : (xx * yz - xy * xz) / size;
   }
-  void nearest(const double* to, double* found) const {  // point of the hull
-    const std::vector<int>& hull = hull_.corners();
-    bool inside = hull.size() > 2;
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t k = 0; k < hull.size(); ++k) {
-      const int i = hull[k], j = hull[(k + 1) % hull.size()];
-      const double ux = hull_.x(j) - hull_.x(i), uy = hull_.y(j) - hull_.y(i);
-      const double wx = to[0] - hull_.x(i), wy = to[1] - hull_.y(i), length = ux * ux + uy * uy;
-      inside = inside && ux * wy - uy * wx >= 0.0;
-      const double s = length > 0.0 ? std::min(std::max((ux * wx + uy * wy) / length, 0.0), 1.0) : 0.0;
-      const double off = std::hypot(wx - s * ux, wy - s * uy);
-      if (off < least) least = off, found[0] = hull_.x(i) + s * ux, found[1] = hull_.y(i) + s * uy;
-    }
-    if (inside) found[0] = to[0], found[1] = to[1];
-  }
-
   Target out_;
   std::unique_ptr<Numbers> own_;  // x and y of the centre of mass and its drift
   std::unique_ptr<Com> com_;

@@ -49,6 +49,22 @@ class Hull {
   double z(int i) const { return z_[i]; }
   const std::vector<int>& corners() const { return hull_; }  // counter-clockwise
 
+  // The point of the hull nearest to another one; `found` stays if there is no point.
+  void nearest(const double* to, double* found) const {
+    bool inside = hull_.size() > 2;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < hull_.size(); ++k) {
+      const int i = hull_[k], j = hull_[(k + 1) % hull_.size()];
+      const double ux = x_[j] - x_[i], uy = y_[j] - y_[i];
+      const double wx = to[0] - x_[i], wy = to[1] - y_[i], length = ux * ux + uy * uy;
+      inside = inside && ux * wy - uy * wx >= 0.0;
+      const double s = length > 0.0 ? std::min(std::max((ux * wx + uy * wy) / length, 0.0), 1.0) : 0.0;
+      const double off = std::hypot(wx - s * ux, wy - s * uy);
+      if (off < least) least = off, found[0] = x_[i] + s * ux, found[1] = y_[i] + s * uy;
+    }
+    if (inside) found[0] = to[0], found[1] = to[1];
+  }
+
  private:
   static constexpr double kFlat = 2e-5;  // a corner this near to the line between its neighbours does not count [m]
 
