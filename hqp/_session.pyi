@@ -2,13 +2,19 @@
 
 import builtins
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from numpy import int32
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
+
+_Two: TypeAlias = tuple[float, float]
+_Velocity: TypeAlias = tuple[float, float, float]
+_Four: TypeAlias = tuple[float, float, float, float]
+_Six: TypeAlias = tuple[float, float, float, float, float, float]
+_Place: TypeAlias = tuple[int, float, float, float, float]
 
 class PlanError(Exception):
     """Raised for a file that is no plan of this version."""
@@ -285,3 +291,180 @@ class Batch:
 
     def reset(self, world: int) -> None:
         """Return to the initial state."""
+
+QUICK: float
+"""Shortest step time as a share of the gait's."""
+COMFORT: float
+"""Share of the reach above which steps become quicker instead of longer."""
+TURNS: float
+"""Largest change of the turning rate from step to step [rad/s]."""
+
+def next_foothold(period: float, width: float, reach: _Four, stance: _Place, command: _Velocity) -> _Place:
+    """Return the next foothold, see ``Footsteps.next``."""
+
+def within_reach(reach: _Four, foothold: _Place, stance: _Place) -> _Place:
+    """Return the nearest foothold within reach, see ``Footsteps.within``."""
+
+def adjusted(
+    stance: _Place,
+    planned: _Place,
+    offset: _Two,
+    left: float,
+    period: float,
+    reach: _Four,
+    error: _Two,
+    ankle: _Two,
+    omega: float,
+    now: _Two,
+    bounds: tuple[float, float, float, float, float],
+) -> tuple[_Place, float]:
+    """Return foothold and time left after a push, see ``walking.adjust``; bounds: soonest, latest, usual, speed,
+    least."""
+
+class Ability:
+    """Limits of a walk, see ``walking.preview``."""
+
+    change: float
+
+    def __init__(self, gait: _Six, reach: _Four, width: float, height: float, gravity: float) -> None: ...
+    def allowed(self, requested: _Velocity) -> tuple[_Velocity, list[str]]:
+        """Return the nearest command that steps follow, and the reasons of its changes."""
+
+    def paced(self, now: _Velocity, requested: _Velocity) -> _Velocity:
+        """Return the velocity of the next step."""
+
+    def paces(self, now: _Velocity, requested: _Velocity, most: int) -> list[_Velocity]:
+        """Return the velocities of the steps until the command is met."""
+
+    def haste(self, pace: _Velocity) -> float:
+        """Return the time of a step at a velocity, a share of that of the gait."""
+
+class DcmPlan:
+    """ZMP and DCM, see ``walking.DcmPlan``."""
+
+    duration: float
+
+    def __init__(self, pieces: Sequence[tuple[float, Sequence[float], Sequence[float]]], omega: float) -> None: ...
+    def at(self, time: float) -> tuple[_Two, _Two]:
+        """Return ZMP and DCM."""
+
+class Swing:
+    """Path of a foot in the air, see ``walking.Swing``."""
+
+    RISE: float
+    LEAD: float
+    FOLLOWS: float
+    HASTENS: float
+    left: float
+    duration: float
+    time: float
+    x: list[float]
+    v: list[float]
+    a: list[float]
+    goal: list[float]
+
+    def __init__(
+        self, start: Sequence[float], goal: Sequence[float], duration: float, height: float, search: float, depth: float
+    ) -> None: ...
+    def step(self, dt: float) -> None:
+        """One tick on."""
+
+    def retarget(self, goal: Sequence[float], fastest: float, dt: float) -> None:
+        """Move the goal towards another one."""
+
+    def clear(self, z: float) -> None:
+        """Rise again, to the swing's height above z."""
+
+class WalkState:
+    """Numbers of a walker between two ticks; phase: 0 stand, 1 shift, 2 swing."""
+
+    phase: int
+    stance: int
+    entered: bool
+    walking: bool
+    started: bool
+    edge: bool
+    command: _Velocity
+    pace: _Velocity
+    holds: tuple[_Place, _Place]
+    nominal: _Place
+    target: _Place
+    planned: tuple[_Place, _Place, _Two, float]
+    swing: Swing
+    t: float
+    duration: float
+    since: float
+    time: float
+    z: float
+    raised: float
+    share: float
+    yaw: float
+    mean: float
+    heavier: float
+    sunk: _Two
+    zmp: _Two
+    sum: _Two
+    capture_point: _Two
+
+class Walker:
+    """Phases and references of a walk, see ``walking.Walker``."""
+
+    TOUCH: float
+    EARLY: float
+    LATE: float
+    FADE: float
+    TAKE: float
+    AHEAD: float
+    CORRECTION: float
+    CREEPS: float
+    LAST: float
+    HEAVIER: float
+    WEIGHING: float
+    SAG: float
+    state: WalkState
+    why: list[str]
+    stands: bool
+    support: str
+    stopping_time: float
+    pieces: list[tuple[float, _Two, _Two]]
+    height: float
+    share: float
+    balance: Vec
+    swing: Vec
+    swing_velocity: Vec
+    swing_acceleration: Vec
+    trunk: Vec
+    normals: tuple[Vec, Vec]
+
+    def __init__(self, tree: object) -> None: ...
+    def go(self, velocity: _Velocity) -> None:
+        """Walk at the nearest velocity that steps follow."""
+
+    def refuse(self, reason: str) -> None:
+        """Stand, because the session is stopped."""
+
+    def stop(self) -> None:
+        """Come to stand, over as many steps as it takes."""
+
+    def step(self, q: Vec, v: Vec, loads: Vec | None) -> None:
+        """Compute the references for a state."""
+
+    def step_on(
+        self, com: Sequence[float], velocity: Sequence[float], soles: Sequence[Sequence[float]], loads: Vec | None
+    ) -> None:
+        """Compute the references for a CoM and two soles, each a position and a rotation row by row."""
+
+    def finish(self, command: Vec, loads: Vec | None) -> None:
+        """End the tick: scale and bound the torques in place."""
+
+    def planned(self, time: float) -> _Two:
+        """Return the ZMP of the plan."""
+
+class FeetEstimator:
+    """Base of a robot from IMU and legs, see ``estimation.FeetEstimator``."""
+
+    slipping: list[bool]
+
+    def __init__(self, tree: object, q: Vec) -> None: ...
+    def update(self, q: Vec, v: Vec, specific_force: Vec, loads: Vec, found_q: Vec, found_v: Vec) -> None:
+        """Write the state with the estimated base."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from hqp.angles import wrapped
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Vec
+from hqp.declare import plans
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.estimation.rotations import about_vertical, exponential, quaternion_of, rotation_of, yaw_of
 
 
 class FeetEstimator:
@@ -28,6 +28,7 @@ class FeetEstimator:
     with weights w_i of the feet's loads.  A foot whose velocity v + u_i over the ground, smoothed over SMOOTH, is more
     than SLIPS slips (``slipping``): it counts for nothing until it rests again, where it then stands, or for LOST at
     most.  The IMU's yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.
+    Measurements that are not finite leave the estimate as it is.
 
     robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
     [s].  q: the configuration at the start ``(nq,)``, which defines the world.  Time constants [s].
@@ -62,21 +63,18 @@ class FeetEstimator:
         for name, value in constants.items():
             if not (math.isfinite(value) and value > 0.0):
                 raise DeclarationError("estimator", f"bad {name}", value=value, unit="s", allowed="positive")
-        self._robot, self._gravity = robot.copy(), robot.gravity
-        self._feet, self._period, self._least_load = tuple(feet), period, least_load
-        self._tilt, self._yaw, self._velocity, self._position = (period / c for c in (tilt, yaw, velocity, position))
-        state = self._robot.state(q)
-        self._base = rotation_of(q[3:7])
-        self._p, self._v = np.array(q[:3], dtype=np.float64), np.zeros(3)
-        self._anchor = np.array([state.position(frame) for frame in self._feet])
-        self._anchor_yaw = [yaw_of(state.rotation(frame)) for frame in self._feet]
-        self._stands, self._contrary = [True] * len(self._feet), [0.0] * len(self._feet)
-        self._over_ground, self._slipped = [(0.0, 0.0)] * len(self._feet), [0.0] * len(self._feet)
+        from hqp import _session  # a package without compiled parts imports this room
+
+        self._robot = robot.copy()
+        constants |= {"landed": self.LANDED, "faint": self.FAINT, "slips": self.SLIPS}
+        constants |= {"smooth": self.SMOOTH, "lost": self.LOST, "least_load": least_load}
+        tree = {**feet_tree(self._robot, feet), **constants, "gravity": robot.gravity.tolist()}
+        self._native = _session.FeetEstimator(tree, _numbers(q))
 
     @property
     def slipping(self) -> tuple[bool, ...]:
         """Flags of the feet that bear load and slip."""
-        return tuple(since > 0.0 for since in self._slipped)
+        return tuple(self._native.slipping)
 
     def update(self, q: Vec, v: Vec, specific_force: Vec, load: Vec) -> tuple[Vec, Vec]:
         """Return (q, v) with the estimated base, from measurements.
@@ -85,64 +83,23 @@ class FeetEstimator:
         their position and linear velocity of the base are not read.  specific_force: reading of the accelerometer, in
         the base's axes, at its origin ``(3,)`` [m/s^2].  load: normal force at each foot ``(feet,)`` [N].
         """
-        dt, gyro = self._period, v[3:6]
-        measured = rotation_of(q[3:7])
-        (a, b, c), (x, y, z) = measured[2].tolist(), self._base[2].tolist()  # the vertical in the base's axes
-        correction = np.array([b * z - c * y, c * x - a * z, a * y - b * x])
-        R = self._base @ exponential(dt * gyro + self._tilt * correction)
-        found_q, found_v = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
-        found_q[:3], found_v[:3] = 0.0, 0.0
-        found_q[3:7] = quaternion_of(R)
-        state = self._robot.state(found_q, found_v)
-        places = np.array([state.position(frame) for frame in self._feet])
-        rates = np.array([state.velocity(frame)[:3] for frame in self._feet])
-        yaws = [yaw_of(state.rotation(frame)) for frame in self._feet]
-        self._v = self._v + dt * (R @ specific_force + self._gravity)
-        self._p = self._p + dt * self._v
-        shares = self._hold(self._stand(load, places, yaws), rates, places, yaws)
-        if any(shares):
-            terms = zip(shares, self._anchor_yaw, yaws, strict=True)
-            R = about_vertical(self._yaw * sum(w * wrapped(a - b) for w, a, b in terms)) @ R
-            weight = np.array(shares)
-            self._v += self._velocity * (-(weight @ rates) - self._v)
-            self._p += self._position * (weight @ (self._anchor - places) - self._p)
-        self._base = R
-        found_q[:3], found_q[3:7] = self._p, quaternion_of(R)
-        found_v[:3] = R.T @ self._v
+        found_q, found_v = np.empty(self._robot.nq), np.empty(self._robot.nv)
+        measured = _numbers(q), _numbers(v), _numbers(specific_force), _numbers(load)
+        self._native.update(*measured, found_q, found_v)
         return found_q, found_v
 
-    def _stand(self, load: Vec, places: Mat, yaws: Sequence[float]) -> list[float]:
-        """Weights of the feet that stand; one that has just landed gets its place."""
-        weight = [0.0] * len(self._feet)
-        for i, carried in enumerate(load.tolist()):
-            loaded = carried > self._least_load  # NaN is no load
-            self._contrary[i] = 0.0 if loaded == self._stands[i] else self._contrary[i] + self._period
-            if self._contrary[i] >= self.LANDED:
-                self._stands[i], self._contrary[i] = loaded, 0.0
-                self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
-            if self._stands[i]:
-                weight[i] = max(carried - self._least_load, self.FAINT) if loaded else self.FAINT
-        return _shares(weight)
 
-    def _hold(self, weight: Sequence[float], rates: Mat, places: Mat, yaws: Sequence[float]) -> list[float]:
-        """Weights without the feet that slip; the fastest is found first, one in an update: it pulls at the others."""
-        follow, speed = min(self._period / self.SMOOTH, 1.0), [0.0] * len(weight)
-        for i, (u, v, _) in enumerate((self._v + rates).tolist()):
-            x, y = self._over_ground[i]
-            x, y = (x + follow * (u - x), y + follow * (v - y)) if weight[i] > 0.0 else (0.0, 0.0)
-            self._over_ground[i], speed[i], since = (x, y), math.hypot(x, y), self._slipped[i]
-            if since > 0.0:
-                rests = speed[i] < 0.5 * self.SLIPS or since >= self.LOST
-                self._slipped[i] = since + self._period if weight[i] > 0.0 and not rests else 0.0
-                if weight[i] > 0.0 and rests:
-                    self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
-        fastest = max(range(len(speed)), key=lambda i: 0.0 if self._slipped[i] else speed[i])
-        if speed[fastest] > self.SLIPS and not self._slipped[fastest]:
-            self._slipped[fastest] = self._period
-        return _shares([0.0 if slips else w for w, slips in zip(weight, self.slipping, strict=True)])
+def feet_tree(robot: Robot, feet: Sequence[str]) -> dict[str, Any]:
+    """Joints, bodies and frames of feet, for native kinematics over the arrays of this robot.
+
+    Raises FrameNotFound, and DeclarationError for a robot with a joint that native kinematics lack.
+    """
+    frames = [plans.frame(robot, name) for name in feet]
+    if robot.tree_joints is None:
+        raise DeclarationError("feet", f"{robot.name} has a screw joint", allowed="joints of native kinematics")
+    motion = {"joints": robot.tree_joints, "frames": robot.placed_frames, "bodies": robot.bodies}
+    return {"motion": {**motion, "twists": robot.joint_twists}, "feet": frames, "nv": robot.nv}
 
 
-def _shares(weight: list[float]) -> list[float]:
-    """Scale the weights to the sum 1, unless all are zero."""
-    total = sum(weight)
-    return [w / total for w in weight] if total > 0.0 else weight
+def _numbers(given: Vec) -> Vec:
+    return np.ascontiguousarray(given, dtype=np.float64)

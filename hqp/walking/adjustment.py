@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from hqp import _session
 from hqp.arrays import Vec
 from hqp.walking.footsteps import Foothold, Footsteps
-
-TIMES = 24
-"""Number of landing times compared."""
-
-MEETS = 10.0
-"""Weight of the DCM error relative to changes of foothold and time, before squaring."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,37 +54,19 @@ def adjust(
 
     at the landing, and over times L and footholds u within reach
 
-        MEETS^2 |xi(L) - u - offset|^2 / reach^2 + |u - planned|^2 / reach^2 + (L - usual)^2 / period^2
+        10^2 |xi(L) - u - offset|^2 / reach^2 + |u - planned|^2 / reach^2 + (L - usual)^2 / period^2
 
     is smallest (after Khadiv, Herzog, Moosavian, Righetti 2020, there as a quadratic programme).  now ``(2,)`` [m]:
     present place of the foot, which moves no faster than ``speed`` [m/s].  soonest, latest: bounds of L, usual: its
     value without a push [s].  least [m]: an error at the landing that no step answers.
     """
-    stance, nominal = planned.stance, planned.foothold
-    turn, zmp = stance.turn, stance.xy
-    both = zip((turn.T @ error).tolist(), (turn.T @ ankle).tolist(), strict=True)
-    # if the ZMP is beyond the DCM the ankle reduces the error
-    axes = [(0.0, 0.0) if e * dz > 0.0 and abs(dz) >= abs(e) else (e, dz) for e, dz in both]
-    grown = [dz + (e - dz) * math.exp(omega * planned.left) for e, dz in axes]
-    size = math.hypot(*grown)
-    if size <= least:
-        return nominal, planned.left
-    left = np.linspace(soonest, max(latest, soonest), TIMES)
-    left = np.append(left, min(max(planned.left, soonest), latest))
-    e, dz = np.transpose(axes) * (1.0 - least / size)
-    start = turn.T @ (planned.dcm(omega, planned.left) - zmp) + e
-    xi = dz + (start - dz) * np.exp(omega * left)[:, None]
-    reach, out = footsteps.reach, 1.0 if nominal.side == 0 else -1.0
-    step, offset, foot = (turn.T @ v for v in (nominal.xy - zmp, planned.offset, now - zmp))
-    low = np.array([-reach.forward, min(out * reach.least, out * reach.most)])
-    high = np.array([reach.forward, max(out * reach.least, out * reach.most)])
-    far = np.maximum(speed * left[:, None], 1e-3)
-    low, high = np.clip(foot - far, low, high), np.clip(foot + far, low, high)
-    u = np.clip((MEETS**2 * (xi - offset) + step) / (MEETS**2 + 1.0), low, high)
-    wide = np.array([reach.forward, reach.most - reach.least])
-    missed, moved = (xi - offset - u) / wide, (u - step) / wide
-    cost = MEETS**2 * np.sum(missed**2, axis=1) + np.sum(moved**2, axis=1)
-    cost += ((left - usual) / footsteps.period) ** 2
-    best = int(np.argmin(cost))
-    x, y = zmp + turn @ u[best]
-    return footsteps.within(replace(nominal, x=float(x), y=float(y)), stance), float(left[best])
+    found, left = _session.adjusted(
+        astuple(planned.stance), astuple(planned.foothold), _two(planned.offset), planned.left, footsteps.period,
+        astuple(footsteps.reach), _two(error), _two(ankle), omega, _two(now), (soonest, latest, usual, speed, least),
+    )  # fmt: skip
+    return Foothold(*found), left
+
+
+def _two(given: Vec) -> tuple[float, float]:
+    x, y = np.asarray(given, dtype=np.float64).tolist()
+    return x, y

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from hqp.angles import wrapped
+from hqp import _session
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.walking.gait import Reach, check
@@ -74,28 +74,12 @@ class Footsteps:
 
     def next(self, stance: Foothold, command: Command) -> Foothold:
         """Next foothold, at the height of the stance foot."""
-        side = 1 - stance.side
-        out = 1.0 if side == LEFT else -1.0
-        opens = command.turn * out > 0.0
-        turn = min(max(2.0 * command.turn * self.period, -self.reach.turn), self.reach.turn) if opens else 0.0
-        across = 2.0 * command.left * self.period if command.left * out > 0.0 else 0.0
-        step = np.array([command.forward * self.period, out * self.width + across])
-        x, y = stance.xy + rotation(stance.yaw + 0.5 * turn) @ step
-        return self.within(Foothold(side, float(x), float(y), stance.z, stance.yaw + turn), stance)
+        found = _session.next_foothold(self.period, self.width, astuple(self.reach), astuple(stance), astuple(command))
+        return Foothold(*found)
 
     def within(self, foothold: Foothold, stance: Foothold) -> Foothold:
         """The foothold, or the nearest one within reach of the stance foot."""
-        out, reach = 1.0 if foothold.side == LEFT else -1.0, self.reach
-        forward, aside = (stance.turn.T @ (foothold.xy - stance.xy)).tolist()
-        held = np.array(
-            [
-                min(max(forward, -reach.forward), reach.forward),
-                out * min(max(out * aside, reach.least), reach.most),
-            ]
-        )
-        turn = min(max(wrapped(foothold.yaw - stance.yaw), -reach.turn), reach.turn)
-        x, y = stance.xy + stance.turn @ held
-        return replace(foothold, x=float(x), y=float(y), yaw=stance.yaw + turn)
+        return Foothold(*_session.within_reach(astuple(self.reach), astuple(foothold), astuple(stance)))
 
 
 def rotation(yaw: float) -> Mat:

@@ -45,6 +45,11 @@ class Gait:
             raise DeclarationError("gait", "bad lower", value=self.lower, allowed="below 1")
 
     @property
+    def numbers(self) -> tuple[float, float, float, float, float, float]:
+        """single, double, first, height, search, patience: what native code reads."""
+        return self.single, self.double, self.first, self.height, self.search, self.patience
+
+    @property
     def period(self) -> float:
         """Period of one step [s]."""
         return self.single + self.double

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from hqp import _session
 from hqp.arrays import Vec
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError
@@ -59,24 +60,14 @@ class DcmPlan:
             if np.abs(np.asarray(one.end) - other.start).max() > 1e-9:
                 raise DeclarationError("DCM plan", "pieces are not continuous", value=(one.end, other.start), unit="m")
         self.omega = omega
-        self.duration = sum(p.duration for p in kept)
-        xi = np.array(kept[-1].end, dtype=np.float64)
-        solved = []
-        for piece in reversed(kept):
-            a, b = (np.asarray(x, dtype=np.float64) for x in (piece.start, piece.end))
-            r = (b - a) / piece.duration
-            diverging = xi - b - r / omega
-            solved.append((piece.duration, a, r, diverging))
-            xi = a + r / omega + diverging * math.exp(-omega * piece.duration)
-        self._pieces = solved[::-1]
+        self._plan = _session.DcmPlan([(p.duration, tuple(p.start), tuple(p.end)) for p in kept], omega)
+
+    @property
+    def duration(self) -> float:
+        """Sum of the durations of the pieces [s]."""
+        return self._plan.duration
 
     def at(self, time: float) -> tuple[Vec, Vec]:
         """ZMP and DCM ``(2,)`` each [m]; before the start those of the start, after the end those of the end."""
-        t, k = max(time, 0.0), 0
-        while t > self._pieces[k][0] and k + 1 < len(self._pieces):
-            t -= self._pieces[k][0]
-            k += 1
-        duration, a, r, diverging = self._pieces[k]
-        t = min(t, duration)
-        zmp = a + r * t
-        return zmp, zmp + r / self.omega + diverging * math.exp(-self.omega * (duration - t))
+        zmp, dcm = self._plan.at(time)
+        return np.array(zmp), np.array(dcm)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,6 @@ import pytest
 import hqp.robots
 from hqp import Status
 from hqp.walking import Walker
-from hqp.walking.swing import Swing
-from hqp.walking.walker import CORRECTION, CREEPS, LAST, SAG
 
 DT = 0.004
 
@@ -48,7 +45,7 @@ def test_a_stop_ends_between_the_feet(robot: Any) -> None:
         if k == round(1.5 / DT):
             walker.stop()
         if walker.phase == "swing" and not walker.walking:
-            planned = walker._dcm.at(math.inf)[0]
+            planned = np.array(walker._native.planned(math.inf))
         if k > round(1.5 / DT) and walker.phase == "stand":
             break
     assert walker.phase == "stand"
@@ -68,7 +65,9 @@ def test_the_plan_waits_for_a_late_foot(robot: Any) -> None:
     early, late = [], []
     for _, _ in zip(on_its_model(walker, loads), range(round(3.0 / DT)), strict=False):
         if walker.phase == "swing":
-            (early if walker._t < walker._T - DT else late if walker._t > walker._T + DT else []).append(walker._since)
+            state = walker._state
+            late_by = state.t - state.duration
+            (early if late_by < -DT else late if late_by > DT else []).append(state.since)
             if len(late) > 10:
                 break
     assert len(early) > 10
@@ -83,49 +82,16 @@ def test_the_sum_of_errors_grows_within_the_sole_and_stops_at_its_edge(robot: An
     walker.step(walker.robot.state(q, v))
     q[0] += 0.003
     for _ in range(20):
-        before = walker._sum.copy()
+        before = np.array(walker._state.sum)
         walker.step(walker.robot.state(q, v))
         assert not walker.edge
-        assert walker._sum[0] > before[0]
+        assert walker._state.sum[0] > before[0]
     v[0] = 0.6
     for _ in range(20):
-        before = walker._sum.copy()
+        before = np.array(walker._state.sum)
         walker.step(walker.robot.state(q, v))
         assert walker.edge
-        assert np.all(walker._sum == before)
-
-
-def test_a_goal_creeps_shortly_before_the_landing(robot: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    walker, seen, move = made(robot), [], Swing.retarget
-
-    def recorded(swing: Swing, goal: Any, fastest: float, dt: float) -> None:
-        seen.append((walker._T - walker._t, fastest))
-        move(swing, goal, fastest, dt)
-
-    monkeypatch.setattr(Swing, "retarget", recorded)
-    walker.go(forward=0.1)
-    for _ in zip(on_its_model(walker), range(round(3.0 / DT)), strict=False):
-        if seen and walker.phase != "swing":
-            break
-    assert {fastest for left, fastest in seen if left > LAST + 1e-9} == {CORRECTION}
-    assert {fastest for left, fastest in seen if left < LAST - 1e-9} == {CREEPS}
-
-
-def test_a_walker_stands_from_the_end_of_its_phase_on() -> None:
-    stands: Any = vars(Walker)["_stands"].fget
-    found = [stands(SimpleNamespace(phase="stand", _t=t, _T=0.5)) for t in (0.49, 0.5, 0.51)]
-    assert found == [False, True, True]
-
-
-def test_the_height_makes_up_for_a_sagging_com(robot: Any) -> None:
-    walker = made(robot)
-    next(on_its_model(walker))
-    base = walker._z
-    for deficit in (0.004, -0.004):
-        first = walker._height(base - deficit) - walker._z
-        raised = [walker._height(base - deficit) - walker._z for _ in range(round(20.0 / DT))]
-        assert np.sign(deficit) * (raised[0] - first) > 0.0
-        assert raised[-1] == pytest.approx(math.copysign(SAG, deficit))
+        assert np.all(walker._state.sum == before)
 
 
 def test_a_stop_of_the_session_ends_the_walk_first(robot: Any) -> None:

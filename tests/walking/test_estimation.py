@@ -64,7 +64,7 @@ def test_legs_feel_the_ground_without_force_sensors() -> None:
         course.run(DT)
         if walker.phase == "swing":
             side = 1 - walker.stance
-            if walker._t > 0.3 and math.isnan(since) and plant.contacts().load[side] > least:
+            if walker._state.t > 0.3 and math.isnan(since) and plant.contacts().load[side] > least:
                 since = plant.time
         elif walker.event == "shift":
             late.append(plant.time - since)

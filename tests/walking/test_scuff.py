@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 import hqp
+from hqp.walking import Foothold
 from hqp.walking.course import Course
 from hqp.walking.swing import Swing
 from hqp.walking.walker import Walker
@@ -23,14 +24,18 @@ def test_a_foot_pushed_to_the_ground_lands_where_it_was_to_land() -> None:
     steps, touched, off = 0, 0, []
     while walker.time < 5.0 and not course.fallen:
         side, swings = 1 - walker.stance, walker.phase == "swing"
-        down = swings and steps == 4 and 0.65 * walker._T < walker._t < 0.65 * walker._T + 0.05
+        down = (
+            swings
+            and steps == 4
+            and 0.65 * walker._state.duration < walker._state.t < 0.65 * walker._state.duration + 0.05
+        )
         if down:
             course.plant.push(walker.feet[side].frame, np.array([0.0, 0.0, -250.0]))
         course.step()
         touched += down and bool(course.plant.measure().contacts.load[side] > 0.05 * walker.weight)
         if swings and walker.phase != "swing":
             hold = walker.holds[side]
-            off.append(math.dist(hold.xy, walker._target.xy))
+            off.append(math.dist(hold.xy, Foothold(*walker._state.target).xy))
             steps += 1
     assert touched, "the foot never met the ground: the test would show nothing"
     assert not course.fallen

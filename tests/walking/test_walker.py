@@ -14,7 +14,7 @@ pytest.importorskip("mujoco")
 import hqp.robots
 from hqp.errors import DeclarationError
 from hqp.robots.on_mujoco import Plant, Servo, Tiles
-from hqp.walking import Gait, Walker
+from hqp.walking import Foothold, Gait, Walker
 from hqp.walking.course import Course
 from hqp.walking.feet import feet_of
 from hqp.walking.stance import borne, standing
@@ -132,9 +132,9 @@ def test_a_push_is_answered_by_ankles_and_where_they_are_too_narrow_by_a_step(
     walker = course.walker
     course.run(1.0)
     walker.go(forward=0.1)
-    while walker.phase != "swing" or walker._t < 0.2 or walker.stance != 1:
+    while walker.phase != "swing" or walker._state.t < 0.2 or walker.stance != 1:
         course.run(DT)
-    nominal, since = walker._nominal, course.plant.time - walker._t
+    nominal, since = Foothold(*walker._state.nominal), course.plant.time - walker._state.t
     course.run(0.1, push=[0.0, 10.0 * blow * walker.robot.mass, 0.0])
     while walker.phase == "swing":
         course.run(DT)
@@ -208,7 +208,7 @@ def test_phases_follow_each_other_and_the_stack(tmp_path: Any) -> None:
     for _ in range(290):
         tick = walker.step(robot.state(robot.home))
         assert tick.status.usable
-        assert 0.0 <= walker._share <= 1.0
+        assert 0.0 <= walker._state.share <= 1.0
         if walker.event:
             events.append((walker.event, walker.stance, walker.session.program.out & {"left", "right"}))
     assert events[:4] == [("shift", 1, set()), ("swing", 1, {"left"}), ("shift", 0, set()), ("swing", 0, {"right"})]

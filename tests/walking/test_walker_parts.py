@@ -1,33 +1,36 @@
-"""Parts of a walker alone, each against its own equation: yaw, share, height, landing, load, plan, swing reference."""
+"""A native walker on states without a robot: yaw, share, height, landing, load, plan, swing reference, phases."""
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp.robots
+from hqp import _session
 from hqp.angles import wrapped
 from hqp.estimation.rotations import about_vertical
-from hqp.walking import Command, Foothold, Gait, Swing, Walker
-from hqp.walking import walker as room
-from hqp.walking.footsteps import LEFT, RIGHT
-from hqp.walking.pendulum import Piece
-from hqp.walking.preview import Ability
-from hqp.walking.walker import AHEAD, CORRECTION, CREEPS, EARLY, FADE, HEAVIER, LAST, LATE, SAG, TAKE, TOUCH, WEIGHING
+from hqp.tasks.polygons import nearest
+from hqp.tasks.support_polygon import hull
+from hqp.walking import Command, DcmPlan, Foothold, Gait, Landing, Piece, Reach, Walker, adjust
+from hqp.walking.footsteps import LEFT, RIGHT, Footsteps
+from hqp.walking.walker import PHASES
 
-DT = 0.004
-methods: Any = vars(Walker)
-
-
-def foothold(side: int, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> Foothold:
-    return Foothold(side, x, y, z, yaw)
+DT, HEIGHT, WEIGHT = 0.004, 0.7, 400.0
+GAIT = Gait(single=0.5, double=0.2, first=0.7, patience=0.3)
+REACH = Reach(forward=0.3, least=0.12, most=0.35)
+STAND, SHIFT, SWING = range(3)
+PACE = Command(0.2)
+SQUARE = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
+HERE = ((0.0, 0.1, 0.0, 0.0), (0.0, -0.1, 0.0, 0.0))
+EARLY, TOUCH, LATE, TAKE = (getattr(_session.Walker, name) for name in ("EARLY", "TOUCH", "LATE", "TAKE"))
+SAG, HEAVIER, WEIGHING, FADE = (getattr(_session.Walker, name) for name in ("SAG", "HEAVIER", "WEIGHING", "FADE"))
+AHEAD, CORRECTION, CREEPS, LAST = (getattr(_session.Walker, name) for name in ("AHEAD", "CORRECTION", "CREEPS", "LAST"))
 
 
 @cache
@@ -35,115 +38,155 @@ def made() -> Walker:
     return Walker(hqp.robots.load("g1", rotors=True), dt=DT, deadline=math.inf)
 
 
+@cache
+def parts() -> dict[str, Any]:
+    return made().tree(made().robot.copy())
+
+
+class Alone:
+    """A native walker on soles of a size [m] whose frames are in their middles; it has started at HERE."""
+
+    def __init__(self, size: float = 5.0, **changed: Any) -> None:
+        corners = [(x, y) for x in (-size, size) for y in (-size, size)]
+        soles = [{**sole, "middle": (0.0, 0.0), "corners": corners} for sole in parts()["soles"]]
+        self.tree = {
+            **parts(), "soles": soles, "dt": DT, "gait": GAIT.numbers, "reach": (0.3, 0.12, 0.35, 0.4), "planned": 0.24,
+            "width": 0.2, "height": HEIGHT, "omega": 3.5, "pendulum": 3.5, "k": 3.0, "weight": WEIGHT,
+            "upright": np.eye(3).ravel().tolist(), "limits": [100.0, 50.0, 20.0],
+        }  # fmt: skip
+        self.native = _session.Walker(self.tree)
+        self.at()
+        self.set(**changed)
+
+    @property
+    def state(self) -> Any:
+        return self.native.state
+
+    def set(self, **changed: Any) -> None:
+        for name, value in changed.items():
+            setattr(self.state, name, value)
+
+    def at(
+        self, soles: Any = HERE, com: Any = (0.0, 0.0, HEIGHT), velocity: Any = (0.0, 0.0, 0.0), loads: Any = None
+    ) -> None:
+        """One step with soles (x, y, z, yaw)."""
+        placed = [(*sole[:3], *about_vertical(sole[3]).ravel().tolist()) for sole in soles]
+        self.native.step_on(com, velocity, placed, None if loads is None else np.array(loads))
+
+
+def place(side: int, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> tuple[int, float, float, float, float]:
+    return side, x, y, z, yaw
+
+
+def swing(start: Any, goal: Any, duration: float = 0.5, time: float = 0.0) -> Any:
+    found = _session.Swing(tuple(start), tuple(goal), duration, 0.05, 0.1, 0.06)
+    found.time = time
+    return found
+
+
 # ---------------------------------------------------------------------------------------------------- yaw
 
 
 @pytest.mark.parametrize("stance", [LEFT, RIGHT])
 @pytest.mark.parametrize(("one", "other"), [(0.1, 0.5), (-0.3, 0.2), (3.0, -3.0), (-2.9, 3.1)])
-@pytest.mark.parametrize("phase", ["stand", "swing"])
-def test_the_trunk_aims_half_way_between_the_feet(phase: str, one: float, other: float, stance: int) -> None:
-    elsewhere = foothold(1 - stance, 0.0, 0.0, 1.3)
-    there = foothold(1 - stance, 0.0, 0.0, other)
-    holds = [elsewhere if phase == "swing" else there] * 2
-    holds[stance] = foothold(stance, 0.0, 0.0, one)
-    part = SimpleNamespace(stance=stance, phase=phase, holds=holds, _target=there if phase == "swing" else elsewhere)
-    yaw = methods["_mean_yaw"](part)
-    assert wrapped(yaw - one) == pytest.approx(0.5 * wrapped(other - one), abs=1e-12)
-    assert wrapped(other - yaw) == pytest.approx(0.5 * wrapped(other - one), abs=1e-12)
-
-
-@pytest.mark.parametrize(("start", "goal"), [(0.0, 0.002), (0.0, 0.5), (3.1, -3.1), (0.4, 0.1)])
-def test_the_trunk_turns_the_short_way_at_a_bounded_rate(start: float, goal: float) -> None:
-    part = SimpleNamespace(dt=DT, _yaw=start, _mean_yaw=lambda: goal)
-    way, yaw = wrapped(goal - start), start
-    for k in range(1, 400):
-        yaw = methods["_next_yaw"](part)
-        assert wrapped(yaw - start) == pytest.approx(math.copysign(min(abs(way), 0.8 * DT * k), way), abs=1e-9)
-    assert wrapped(goal - yaw) == pytest.approx(0.0, abs=1e-9)
+@pytest.mark.parametrize("phase", [STAND, SWING])
+def test_the_trunk_aims_half_way_between_the_feet(phase: int, one: float, other: float, stance: int) -> None:
+    """In a swing to where the foot is to be, the short way, at a bounded rate."""
+    there, elsewhere = place(1 - stance, 0.2, 0.2, other), place(1 - stance, 0.2, 0.2, 1.3)
+    holds = [elsewhere if phase == SWING else there] * 2
+    holds[stance] = place(stance, 0.0, 0.0, one)
+    walker = Alone(
+        phase=phase, stance=stance, holds=tuple(holds), target=there if phase == SWING else elsewhere, yaw=one,
+        duration=9.0, swing=swing((0.0, 0.0, 0.0, 0.0), (0.1, 0.0, 0.0, 0.0)),
+    )  # fmt: skip
+    way = 0.5 * wrapped(other - one)
+    for k in range(1, 200):
+        walker.at()
+        expected = math.copysign(min(abs(way), 0.8 * DT * k), way)
+        assert wrapped(walker.state.yaw - one) == pytest.approx(expected, abs=1e-9)
+        np.testing.assert_allclose(walker.native.trunk.reshape(3, 3), about_vertical(walker.state.yaw), atol=1e-12)
 
 
 # -------------------------------------------------------------------------------------------------- share
 
 
-def share_of(along: float, **changed: Any) -> Any:
-    """A walker whose ZMP is at a share of the way from the left foot to the right."""
-    holds = [foothold(LEFT, 0.2, 0.4), foothold(RIGHT, 0.5, -0.1)]
-    zmp = holds[0].xy + along * (holds[1].xy - holds[0].xy) + 0.07 * np.array([0.5, 0.3])
-    fields: dict[str, Any] = {"holds": holds, "phase": "stand", "_T": 0.6, "_t": 0.0, "dt": DT, "stance": RIGHT}
-    part = SimpleNamespace(**{**fields, "_share": 0.5, **changed})
-    return part, zmp
+def towards(walker: Alone, zmp: Any) -> Any:
+    """The CoM, at rest, with which the balance leads the ZMP there, from a plan that rests below HERE."""
+    return (*(np.asarray(zmp) / (1.0 + 3.0 / 3.5)), HEIGHT)
 
 
 @pytest.mark.parametrize(("along", "expected"), [(0.3, 0.3), (0.75, 0.75), (-0.4, 0.0), (1.2, 1.0)])
 def test_a_foot_bears_as_much_as_the_zmp_is_near_it(along: float, expected: float) -> None:
-    part, zmp = share_of(along)
-    shares = [methods["_next_share"](part, zmp) for _ in range(60)]
+    one, other = np.array([0.2, 0.4]), np.array([0.5, -0.1])
+    walker = Alone(holds=(place(LEFT, *one), place(RIGHT, *other)), share=0.5)
+    shares = [0.5]
+    for _ in range(60):
+        walker.set(sum=(0.0, 0.0))
+        walker.at(com=towards(walker, one + along * (other - one) + 0.07 * np.array([0.5, 0.3])))
+        shares.append(walker.native.share)
     assert shares[-1] == pytest.approx(expected, abs=1e-9)
-    steps = np.abs(np.diff([0.5, *shares]))
-    assert steps.max() == pytest.approx(min(DT / TAKE, abs(expected - 0.5)))
-    assert shares[0] == pytest.approx(0.5 + math.copysign(steps[0], expected - 0.5))
+    steps = np.diff(shares)
+    assert np.abs(steps).max() == pytest.approx(min(DT / TAKE, abs(expected - 0.5)))
+    assert steps[0] == pytest.approx(math.copysign(np.abs(steps).max(), expected - 0.5))
 
 
 @pytest.mark.parametrize("stance", [LEFT, RIGHT])
 def test_a_shift_ends_with_all_on_the_stance_foot(stance: int) -> None:
     for left, expected in ((2.0 * TAKE + 0.01, 0.4), (1.5 * TAKE, 0.4 + 0.5 * (stance - 0.4)), (0.5 * TAKE, stance)):
-        part, zmp = share_of(0.4, phase="shift", stance=stance, _t=0.6 - left, _share=expected)
-        assert methods["_next_share"](part, zmp) == pytest.approx(expected, abs=1e-9)
+        walker = Alone(phase=SHIFT, stance=stance, duration=0.6, t=0.6 - left, share=expected)
+        walker.at(com=towards(walker, (0.0, 0.1 - 0.4 * 0.2)))
+        assert walker.native.share == pytest.approx(expected, abs=1e-9)
 
 
 # ------------------------------------------------------------------------------------------------- height
 
 
-@pytest.mark.parametrize(("phase", "ground"), [("swing", 0.06), ("stand", 0.02), ("shift", 0.02)])
-def test_the_height_rises_slowly_to_that_above_the_feet(phase: str, ground: float) -> None:
-    holds = [foothold(LEFT, 0.0, 0.1, z=-0.02), foothold(RIGHT, 0.0, -0.1, z=0.06)]
+@pytest.mark.parametrize(("phase", "ground"), [(SWING, 0.06), (STAND, 0.02), (SHIFT, 0.02)])
+def test_the_height_rises_slowly_to_that_above_the_feet(phase: int, ground: float) -> None:
+    holds = (place(LEFT, 0.0, 0.1, z=-0.02), place(RIGHT, 0.0, -0.1, z=0.06))
     for start in (0.6, 0.9):
-        part = SimpleNamespace(holds=holds, stance=RIGHT, phase=phase, height=0.7, dt=DT, _z=start, _raised=0.0)
-        for k in range(1, 4000):
-            wanted = methods["_height"](part, part._z)  # no deficit but that of this tick's rise
-            way = ground + 0.7 - start
-            expected = start + math.copysign(min(abs(way), 0.05 * 0.7 * DT * k), way)
-            assert part._z == pytest.approx(expected, abs=1e-9)
-            assert wanted == part._z + part._raised
-        assert part._z == pytest.approx(ground + 0.7)
+        walker = Alone(phase=phase, stance=RIGHT, holds=holds, z=start, duration=9.0)
+        for k in range(1, 1800):
+            walker.at(com=(0.0, 0.0, walker.state.z))  # no deficit but that of this tick's rise
+            way = ground + HEIGHT - start
+            expected = start + math.copysign(min(abs(way), 0.05 * HEIGHT * DT * k), way)
+            assert walker.state.z == pytest.approx(expected, abs=1e-9)
+            assert walker.native.height == walker.state.z + walker.state.raised
+        assert walker.state.z == pytest.approx(ground + HEIGHT)
 
 
-def test_a_deficit_raises_the_height_by_its_integral() -> None:
-    part = SimpleNamespace(holds=[foothold(s, 0.0, 0.0) for s in (0, 1)], stance=0, phase="stand", height=0.7, dt=DT)
+def test_a_deficit_raises_the_height_by_its_integral_up_to_a_limit() -> None:
     for deficit in (0.003, -0.002):
-        part._z, part._raised = 0.7, 0.001
-        found = [methods["_height"](part, 0.7 - deficit) - 0.7 for _ in range(10)]
-        np.testing.assert_allclose(found, 0.001 + 2.0 * DT * deficit * np.arange(1, 11), atol=1e-12)
+        walker, found = Alone(z=HEIGHT, raised=0.001), []
+        for _ in range(round(20.0 / DT)):
+            walker.at(com=(0.0, 0.0, HEIGHT - deficit))
+            found.append(walker.native.height - HEIGHT)
+        np.testing.assert_allclose(found[:10], 0.001 + 2.0 * DT * deficit * np.arange(1, 11), atol=1e-12)
+        assert found[-1] == pytest.approx(math.copysign(SAG, deficit))
 
 
 # ------------------------------------------------------------------------------------------------ landing
 
 
-def landing(
-    *, share: float, t: float, z: float, path: float, goal: float = 0.0, stance: int = RIGHT
-) -> tuple[Any, Any]:
-    cleared: list[float] = []
-    swing = SimpleNamespace(
-        x=np.array([0.0, 0.0, path, 0.0]), goal=np.array([0.0, 0.0, goal, 0.0]), clear=cleared.append
-    )
-    feet = [SimpleNamespace(frame=name) for name in ("left", "right")]
-    gait = Gait(patience=0.3)
-    part = SimpleNamespace(_t=t, _T=0.5, _swing=swing, stance=stance, weight=400.0, feet=feet, gait=gait)
-    state = SimpleNamespace(position=lambda frame: np.array([0.0, 0.0, {"left": z, "right": 9.0}[frame]]))
-    loads = np.array([share * 400.0, 9000.0])
-    return methods["_landed"](part, state, loads), cleared
+def landing(*, share: float, t: float, z: float, path: float, goal: float = 0.0, stance: int = RIGHT) -> Alone:
+    """After a step: the left foot swings, at a height, on a path towards a goal, and bears a share of the weight."""
+    walker = Alone(
+        phase=SWING, stance=stance, t=t, duration=0.5, walking=True,
+        swing=swing((0.0, 0.0, path, 0.0), (0.0, 0.0, goal, 0.0), time=t),
+    )  # fmt: skip
+    walker.at(((0.0, 0.1, z, 0.0), (0.0, -0.1, 9.0, 0.0)), loads=(share * WEIGHT, 9000.0))
+    return walker
 
 
 def test_a_foot_lands_with_load_near_its_path_or_its_goal() -> None:
     early, before, after = 0.5 * EARLY - 0.01, 0.4, 0.51
     held: dict[str, Any] = {"z": 0.03, "path": 0.03}
-    assert not landing(share=0.9, t=early, **held)[0]
-    assert landing(share=TOUCH + 0.01, t=before, **held)[0]
-    assert not landing(share=TOUCH - 0.01, t=before, **held)[0]
-    assert landing(share=LATE + 0.001, t=after, **held)[0]
-    assert not landing(share=LATE - 0.001, t=after, **held)[0]
-    assert landing(share=0.0, t=0.81, **held)[0]
-    assert not landing(share=0.0, t=0.79, **held)[0]
+    for share, t, lands in (
+        (0.9, early, False), (TOUCH + 0.01, before, True), (TOUCH - 0.01, before, False), (LATE + 0.001, after, True),
+        (LATE - 0.001, after, False), (0.0, 0.81, True), (0.0, 0.79, False), (math.nan, before, False),
+    ):  # fmt: skip
+        state = landing(share=share, t=t, **held).state
+        assert (state.phase == SHIFT and state.entered) == lands
 
 
 @pytest.mark.parametrize(
@@ -151,14 +194,22 @@ def test_a_foot_lands_with_load_near_its_path_or_its_goal() -> None:
     [(0.026, 0.03, 0.0, True), (0.024, 0.03, 0.0, False), (0.0, 0.019, 0.0, True), (0.0, 0.021, 0.0, False),
      (0.0, 0.035, 0.02, True)],
 )  # fmt: skip
-def test_a_loaded_foot_far_from_both_has_scuffed(z: float, path: float, goal: float, lands: bool) -> None:
-    found, cleared = landing(share=0.2, t=0.4, z=z, path=path, goal=goal)
-    assert (found, cleared) == (lands, [] if lands else [z])
+def test_a_loaded_foot_far_from_both_has_scuffed_and_rises(z: float, path: float, goal: float, lands: bool) -> None:
+    found = landing(share=0.2, t=0.4, z=z, path=path, goal=goal)
+    assert (found.state.phase == SHIFT) == lands
+    if not lands:
+        foot, heights = copy.deepcopy(found.state.swing), []
+        while foot.left > 0.0:
+            foot.step(0.001)
+            heights.append(foot.x[2])
+        assert max(heights) > z + 0.049
 
 
 def test_without_loads_a_foot_lands_in_time() -> None:
-    found = [methods["_landed"](SimpleNamespace(_t=t, _T=0.5), None, None) for t in (0.499, 0.5, 0.6)]
-    assert found == [False, True, True]
+    for t, lands in ((0.499, False), (0.5, True), (0.6, True)):
+        walker = Alone(phase=SWING, t=t, duration=0.5, walking=True, swing=swing((0.0,) * 4, (0.0,) * 4, time=t))
+        walker.at()
+        assert walker.state.entered == lands
 
 
 # --------------------------------------------------------------------------------------------------- load
@@ -166,123 +217,169 @@ def test_without_loads_a_foot_lands_in_time() -> None:
 
 @pytest.mark.parametrize(("share", "expected"), [(1.1, 1.1), (0.9, 0.9), (1.4, 1.0 + HEAVIER), (0.6, 1.0 - HEAVIER)])
 def test_the_mean_load_says_how_heavy_a_robot_is(share: float, expected: float) -> None:
-    part = SimpleNamespace(weight=300.0, dt=DT, time=0.0, heavier=1.0, _mean=1.0)
+    walker, torques = Alone(), np.zeros(3)
     for _ in range(5000):
-        methods["_weigh"](part, share * 300.0)
-        part.time += DT
-    assert part.heavier == pytest.approx(expected, abs=1e-9)
-    last = part._mean
-    for load in (0.49, 1.51, 0.0):
-        methods["_weigh"](part, load * 300.0)
-    assert part._mean == last
-    methods["_weigh"](part, 300.0)
-    assert part._mean - last == pytest.approx(DT / WEIGHING * (1.0 - last))
+        walker.native.finish(torques, np.array([0.4, 0.6]) * share * WEIGHT)
+    assert walker.state.heavier == pytest.approx(expected, abs=1e-9)
+    last = walker.state.mean
+    for load in (0.49, 1.51, 0.0, math.nan):
+        walker.native.finish(torques, np.array([load, 0.0]) * WEIGHT)
+    assert walker.state.mean == last
+    walker.native.finish(torques, np.array([WEIGHT, 0.0]))
+    assert walker.state.mean - last == pytest.approx(DT / WEIGHING * (1.0 - last))
 
 
 def test_the_first_loads_are_averaged() -> None:
-    part, loads = SimpleNamespace(weight=300.0, dt=DT, time=0.0, heavier=1.0, _mean=1.0), [1.2, 0.9, 1.1, 0.95]
-    methods["_weigh"](part, loads[0] * 300.0)
-    assert part._mean == pytest.approx(loads[0])
-    part.time = 100 * DT
-    methods["_weigh"](part, loads[1] * 300.0)
-    assert part._mean == pytest.approx(loads[0] + (loads[1] - loads[0]) / 100.0)
+    walker, torques = Alone(), np.zeros(3)
+    walker.native.finish(torques, np.array([1.2 * WEIGHT, 0.0]))
+    assert walker.state.mean == pytest.approx(1.2)
+    walker.set(time=100 * DT)
+    walker.native.finish(torques, np.array([0.9 * WEIGHT, 0.0]))
+    assert walker.state.mean == pytest.approx(1.2 - 0.3 / 100.0)
 
 
 def test_torques_go_on_from_those_before_a_switch() -> None:
-    limit = np.array([100.0, 50.0, 20.0])
-    part = SimpleNamespace(
-        heavier=1.1, event="", _sent=None, _rest=np.zeros(3), _limit=limit, _fading=limit * DT / FADE
-    )
+    limit, walker = np.array([100.0, 50.0, 20.0]), Alone(heavier=1.1)
     first = np.array([10.0, -20.0, 19.0])
-    methods["_bound"](part, first)
+    walker.native.finish(first, None)
     np.testing.assert_allclose(first, [11.0, -22.0, 20.0])  # scaled, within the limits
-    part.event = "swing"
+    walker.set(entered=True)
     jumped = np.array([40.0, 10.0, -10.0])
-    methods["_bound"](part, jumped)
+    walker.native.finish(jumped, None)
     np.testing.assert_allclose(jumped, first + np.sign([1, 1, -1]) * limit * DT / FADE)
-    part.event = ""
+    walker.set(entered=False)
     last = jumped
     for _ in range(40):
         now = np.array([40.0, 10.0, -10.0])
-        methods["_bound"](part, now)
+        walker.native.finish(now, None)
         assert np.all(np.abs(now - last) <= limit * DT / FADE + 1e-9)
         last = now
     np.testing.assert_allclose(last, [44.0, 11.0, -11.0])
 
 
-# --------------------------------------------------------------------------------------------------- plan
+# ------------------------------------------------------------------------------------------- phases, plan
 
 
-def planned(monkeypatch: pytest.MonkeyPatch, **changed: Any) -> tuple[Walker, list[Piece]]:
-    """Pieces of the plan of a walker that walks ahead, in a state."""
-    walker, seen = made(), []
-    monkeypatch.setattr(room, "DcmPlan", lambda pieces, omega: seen.append((pieces, omega)))
+def after(pace: Command = PACE, **changed: Any) -> Alone:
+    """A walker after the step in which its phase is over."""
+    numbers = pace.forward, pace.left, pace.turn
     fields: dict[str, Any] = {
-        "phase": "shift", "stance": LEFT, "walking": True, "command": Command(0.2), "_pace": Command(0.2),
-        "_t": 0.1, "_T": 0.5, "_zmp": np.array([0.01, 0.02]), "_nominal": foothold(RIGHT, 0.3, -0.1),
-        "holds": [foothold(LEFT, 0.1, 0.1), foothold(RIGHT, -0.05, -0.1)], **changed,
-    }  # fmt: skip
-    for name, value in fields.items():
-        monkeypatch.setattr(walker, name, value, raising=False)
-    walker._plan()
-    assert seen[0][1] == walker.omega
-    assert walker._since == 0.0
-    return walker, seen[0][0]
+        "t": 0.6,
+        "duration": 0.6,
+        "walking": True,
+        "command": numbers,
+        "pace": numbers,
+        **changed,
+    }
+    walker = Alone(swing=swing((0.0, 0.0, 0.01, 0.0), (0.0, 0.0, 0.0, 0.0), time=0.6), **{**fields, **changed})
+    walker.at()
+    return walker
 
 
-def continuous(pieces: list[Piece], start: Any) -> None:
-    at = start
-    for piece in pieces:
-        np.testing.assert_array_equal(piece.start, at)
-        assert piece.duration > 0.0
-        at = piece.end
+def haste(pace: Command) -> float:
+    period = GAIT.single + GAIT.double
+    return min(1.0, max(2.0 / 3.0, 0.6 / (abs(pace.forward) * period / 0.24)))
 
 
-def test_a_shift_is_followed_by_three_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    walker, pieces = planned(monkeypatch)
-    haste, gait = walker.ability.haste(Command(0.2)), walker.gait
-    single, double = haste * gait.single, haste * gait.double
-    assert [p.duration for p in pieces] == pytest.approx([0.4, *3 * [single, double], single, 0.5])
-    continuous(pieces, walker._zmp)
-    feet = [walker.holds[LEFT]]
-    for _ in range(3):
-        feet.append(walker._next(feet[-1], Command(0.2)))
+def continuous(pieces: Any, start: Any) -> None:
+    assert pieces[0][1] == start
+    assert all(one[2] == other[1] for one, other in pairwise(pieces))
+    assert all(duration > 0.0 for duration, _, _ in pieces)
+
+
+def steps(stance: Any, pace: Command, count: int) -> list[Foothold]:
+    found = [Foothold(*stance)]
+    period = haste(pace) * (GAIT.single + GAIT.double)
+    footsteps = Footsteps(period=period, width=0.2, reach=REACH)
+    for _ in range(count):
+        found.append(footsteps.next(found[-1], pace))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changed", "phase", "duration"),
+    [
+        ({"phase": STAND}, SHIFT, GAIT.first),
+        ({"phase": STAND, "walking": False}, STAND, 0.6),
+        ({"phase": STAND, "t": 0.59}, STAND, 0.6),
+        ({"phase": SHIFT}, SWING, haste(Command(0.2)) * GAIT.single),
+        ({"phase": SHIFT, "t": 0.5}, SHIFT, 0.6),
+        ({"phase": SWING}, SHIFT, haste(Command(0.2)) * GAIT.double),
+        ({"phase": SWING, "t": 0.5}, SWING, 0.6),
+        ({"phase": SWING, "walking": False}, SHIFT, haste(Command(0.2)) * GAIT.double),
+        ({"phase": SWING, "walking": False, "pace": Command()}, STAND, GAIT.first),
+    ],
+)
+def test_phases_follow_each_other(changed: dict[str, Any], phase: int, duration: float) -> None:
+    state = after(stance=LEFT, **changed).state
+    assert state.phase == phase
+    assert state.duration == pytest.approx(duration)
+    assert state.entered == (phase != changed["phase"])
+    if changed["phase"] == STAND and phase == SHIFT:
+        assert state.stance == RIGHT
+
+
+def test_a_shift_is_followed_by_three_steps() -> None:
+    pace, walker = Command(0.2), after(phase=STAND)
+    pieces, single, double = walker.native.pieces, haste(Command(0.2)) * GAIT.single, haste(Command(0.2)) * GAIT.double
+    assert [p[0] for p in pieces] == pytest.approx([GAIT.first, *3 * [single, double], single, 0.5])
+    continuous(pieces, (0.0, 0.0))
+    feet = steps(walker.state.holds[RIGHT], pace, 3)
     expected = [feet[0].xy, *(foot.xy for pair in pairwise(feet) for foot in pair), feet[3].xy]
-    np.testing.assert_allclose([p.end for p in pieces], [*expected, feet[3].xy])
+    np.testing.assert_allclose([p[2] for p in pieces], [*expected, feet[3].xy])
 
 
-def test_a_swing_goes_on_to_where_its_foot_was_to_land(monkeypatch: pytest.MonkeyPatch) -> None:
-    walker, pieces = planned(monkeypatch, phase="swing")
-    haste, gait = walker.ability.haste(Command(0.2)), walker.gait
-    single, double = haste * gait.single, haste * gait.double
-    assert [p.duration for p in pieces] == pytest.approx([0.4, double, *2 * [single, double], single, 0.5])
-    continuous(pieces, walker._zmp)
-    np.testing.assert_allclose(pieces[0].end, walker.holds[LEFT].xy)
-    np.testing.assert_allclose(pieces[1].end, walker._nominal.xy)
-    np.testing.assert_allclose(pieces[3].end, walker._next(walker._nominal, Command(0.2)).xy)
+def test_a_swing_goes_on_to_where_its_foot_is_to_land() -> None:
+    pace, walker = Command(0.2), after(phase=SHIFT, stance=LEFT)
+    pieces, single, double = walker.native.pieces, haste(Command(0.2)) * GAIT.single, haste(Command(0.2)) * GAIT.double
+    assert [p[0] for p in pieces] == pytest.approx([single, double, *2 * [single, double], single, 0.5])
+    continuous(pieces, (0.0, 0.0))
+    feet = steps(walker.state.holds[LEFT], pace, 2)
+    np.testing.assert_allclose(walker.state.nominal[1:3], feet[1].xy)
+    np.testing.assert_allclose([pieces[k][2] for k in (0, 1, 3)], [foot.xy for foot in feet])
+    stance, foothold, offset, left = walker.state.planned
+    assert (stance, foothold, left) == (walker.state.holds[LEFT], walker.state.nominal, walker.state.duration)
+    plan = DcmPlan([Piece(duration, np.array(one), np.array(other)) for duration, one, other in pieces], 3.5)
+    np.testing.assert_allclose(offset, plan.at(left)[1] - feet[1].xy, atol=1e-12)
 
 
-def test_a_stop_ends_the_plan_between_the_feet(monkeypatch: pytest.MonkeyPatch) -> None:
-    walker, pieces = planned(monkeypatch, phase="swing", walking=False, command=Command(), _pace=Command())
-    assert [p.duration for p in pieces] == pytest.approx([0.4, walker.gait.first, 0.5])
-    middle = 0.5 * (walker.holds[LEFT].xy + walker._nominal.xy)
-    np.testing.assert_allclose([p.end for p in pieces], [walker.holds[LEFT].xy, middle, middle])
-    walker, pieces = planned(monkeypatch, phase="stand", walking=False)
-    middle = 0.5 * (walker.holds[LEFT].xy + walker.holds[RIGHT].xy)
-    assert [p.duration for p in pieces] == pytest.approx([0.4, 0.5])
-    np.testing.assert_allclose([p.end for p in pieces], [middle, middle])
-    assert planned(monkeypatch, phase="stand", _t=0.6)[1][0].duration == DT
+def test_a_stop_ends_the_plan_between_the_feet() -> None:
+    still = Command()
+    walker = after(still, phase=SHIFT, stance=LEFT, walking=False)
+    pieces = walker.native.pieces
+    assert [p[0] for p in pieces] == pytest.approx([GAIT.single, GAIT.first, 0.5])
+    middle = 0.5 * (np.array(walker.state.holds[LEFT][1:3]) + walker.state.nominal[1:3])
+    np.testing.assert_allclose([p[2] for p in pieces], [walker.state.holds[LEFT][1:3], middle, middle])
+    pieces = after(still, phase=SWING, stance=LEFT, walking=False).native.pieces
+    assert [p[0] for p in pieces] == pytest.approx([GAIT.first, 0.5])
+    np.testing.assert_allclose([p[2] for p in pieces], np.zeros((2, 2)), atol=1e-12)
 
 
 def test_the_time_to_stop_covers_every_step() -> None:
-    ability = Ability(gait=Gait(), reach=made().ability.reach, width=0.2, height=0.7, gravity=9.81)
+    ability = made().ability
     for pace in (Command(), Command(0.05), Command(0.3), Command(0.3, 0.05, 0.4)):
-        part = SimpleNamespace(ability=ability, _pace=pace, gait=Gait())
-        steps, now = 0, pace
+        walker = _session.Walker(parts())
+        walker.state.pace = pace.forward, pace.left, pace.turn
+        count, now = 0, pace
         while now != Command():
-            now, steps = ability.paced(now, Command()), steps + 1
-        found: Callable[[Any], float] = methods["stopping_time"].fget
-        assert found(part) == pytest.approx((max(steps, 1) + 1) * Gait().period + 2.0 * Gait().first)
+            now, count = ability.paced(now, Command()), count + 1
+        assert walker.stopping_time == pytest.approx((max(count, 1) + 1) * Gait().period + 2.0 * Gait().first)
+
+
+@pytest.mark.parametrize("stance", [LEFT, RIGHT])
+def test_a_landed_foot_is_the_next_to_stand_on(stance: int) -> None:
+    walker, soles = Alone(), [(0.0, 0.1, 0.0, 0.0), (0.0, -0.1, 0.0, 0.0)]
+    soles[1 - stance] = (0.2, soles[1 - stance][1], 0.004, 0.3)
+    for k in range(20):
+        walker.set(phase=SWING, stance=stance, t=0.6, duration=0.6, walking=True)
+        walker.set(swing=swing((0.0, 0.0, 0.01, 0.0), (0.0, 0.0, 0.0, 0.0), time=0.6))
+        walker.at(soles)
+        assert walker.state.stance == 1 - stance
+        assert walker.state.holds[1 - stance] == pytest.approx(place(1 - stance, *soles[1 - stance][:2], 0.3, 0.004))
+        assert walker.state.holds[stance] == place(stance, *HERE[stance][:2])
+        assert abs(walker.state.share - stance) <= DT / TAKE  # the other foot still bears it all
+        assert walker.state.sunk[1 - stance] == pytest.approx(max(0.7 * (0.004 - 0.01) * (k + 1), -SAG))
+        assert walker.state.sunk[stance] == 0.0
 
 
 def test_a_walker_measures_itself() -> None:
@@ -300,188 +397,122 @@ def test_a_walker_measures_itself() -> None:
     sole = max(np.ptp([y for _, y in foot.corners]) for foot in walker.feet)
     assert reach.least == pytest.approx(min(max(sole + 0.02, 0.5 * width), 0.7 * width), abs=1e-6)
     assert walker.ability.reach.forward == pytest.approx(0.8 * reach.forward)
-    np.testing.assert_allclose(walker._fading * 0.08 / DT, walker.robot.effort_limit[walker.robot.actuated])
-
-
-# ------------------------------------------------------------------------------------------ phases
-
-
-def machine(**changed: Any) -> Any:
-    """A walker that records the phases that it enters."""
-    entered: list[tuple[str, float]] = []
-    feet = [SimpleNamespace(frame=name, placed=lambda _, s=s: foothold(s, 7.0, 7.0)) for s, name in enumerate("lr")]
-    fields: dict[str, Any] = {
-        "phase": "stand", "walking": True, "_t": 0.6, "_T": 0.6, "gait": Gait(first=0.7, single=0.5, double=0.2),
-        "stance": LEFT, "command": Command(0.1), "_pace": Command(), "_haste": 0.9, "feet": feet, "_share": 0.3,
-        "holds": [foothold(s, 0.0, 0.0) for s in (0, 1)], "_sunk": [0.0, 0.0], "entered": entered,
-        "_swing": SimpleNamespace(x=np.array([0.0, 0.0, 0.01, 0.0])),
-        "ability": SimpleNamespace(paced=lambda pace, command: command),
-        "_double": lambda pace, last: 0.7 if last else 0.2,
-        "_enter": lambda phase, duration, state: entered.append((phase, duration)),
-        "_landed": lambda state, loads: True, **changed,
-    }  # fmt: skip
-    return SimpleNamespace(**fields)
-
-
-STATE = SimpleNamespace(position=lambda frame: np.array([0.0, 0.0, 0.004]))
-
-
-@pytest.mark.parametrize(
-    ("changed", "expected"),
-    [
-        ({}, [("shift", 0.7)]),
-        ({"walking": False}, []),
-        ({"_t": 0.59}, []),
-        ({"phase": "shift"}, [("swing", 0.45)]),
-        ({"phase": "shift", "_t": 0.5}, []),
-        ({"phase": "swing"}, [("shift", 0.2)]),
-        ({"phase": "swing", "_landed": lambda state, loads: False}, []),
-        ({"phase": "swing", "walking": False, "_pace": Command(0.1)}, [("shift", 0.2)]),
-        ({"phase": "swing", "walking": False}, [("stand", 0.7)]),
-    ],
-)
-def test_phases_follow_each_other(changed: dict[str, Any], expected: list[tuple[str, float]]) -> None:
-    part = machine(**changed)
-    methods["_advance"](part, STATE, None)
-    assert part.entered == [(phase, pytest.approx(time)) for phase, time in expected]
-    if part.phase == "stand" and expected:
-        assert part.stance == RIGHT
-    if part.phase == "shift" and expected:
-        assert part._pace == Command(0.1)
-
-
-@pytest.mark.parametrize("stance", [LEFT, RIGHT])
-def test_a_landed_foot_is_the_next_to_stand_on(stance: int) -> None:
-    part = machine(phase="swing", stance=stance)
-    methods["_advance"](part, STATE, None)
-    assert part.stance == 1 - stance
-    assert part.holds[1 - stance] == foothold(1 - stance, 7.0, 7.0)
-    assert part.holds[stance] == foothold(stance, 0.0, 0.0)
-    assert part._share == stance  # the other foot still bears it all
-    assert part._sunk[1 - stance] == pytest.approx(0.7 * (0.004 - 0.01))
-    assert part._sunk[stance] == 0.0
-    for _ in range(20):
-        part.stance = stance
-        methods["_advance"](part, STATE, None)
-    assert part._sunk[1 - stance] == pytest.approx(-SAG)
+    np.testing.assert_array_equal(parts()["limits"], walker.robot.effort_limit[walker.robot.actuated])
+    assert parts()["gait"] == (0.6, 0.15, 0.6, 0.05, 0.1, 0.4)
 
 
 # ------------------------------------------------------------------------------------------ swing reference
 
 
-def reference(**changed: Any) -> Any:
-    """Reference of a right foot at a height of 4 mm whose path is at 10 mm."""
-    given: list[Any] = []
-
-    def at(target: Any, **rates: Any) -> None:
-        given.append((target, rates))
-
-    x, v, a = np.array([0.3, -0.1, 0.01, 0.4]), np.array([1.0, 2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0, 8.0])
-    swing = SimpleNamespace(x=x.copy(), step=lambda dt: (x.copy(), v.copy(), a.copy()))
-    adjusted: list[Any] = []
-    fields: dict[str, Any] = {
-        "_swing": swing, "stance": LEFT, "dt": DT, "_t": 0.03, "_T": 0.5, "_sunk": [0.9, 0.006],
-        "feet": [SimpleNamespace(frame="l"), SimpleNamespace(frame="r")],
-        "stacks": SimpleNamespace(swing=[None, SimpleNamespace(at=at)]),
-        "_adjust": lambda *errors: adjusted.append(errors), **changed,
-    }  # fmt: skip
-    part = SimpleNamespace(**fields)
-    here = {"r": np.array([0.29, -0.1, 0.004]), "l": np.full(3, 9.0)}
-    where = changed.get("here", here)
-    methods["_swing_reference"](part, SimpleNamespace(position=where.__getitem__), "error", "pushed")
-    target, rates = given[0]
-    return target, rates, swing, adjusted
+def swinging(foot: Any, *, t: float, size: float = 5.0, **changed: Any) -> Alone:
+    """The right foot swings, with a path from (0.3, -0.1, 0.01, 0.4) and its sole at `foot`."""
+    path = swing((0.3, -0.1, 0.01, 0.4), (0.35, -0.1, 0.0, 0.4))
+    path.time = t
+    planned = place(LEFT, 0.0, 0.1), place(RIGHT, 0.35, -0.1, 0.4), (0.0, 0.0), 0.5
+    fields: dict[str, Any] = {"sunk": (0.9, 0.006), "planned": planned, "target": planned[1], **changed}
+    walker = Alone(size, phase=SWING, stance=LEFT, t=t, duration=0.5, swing=path, **fields)
+    walker.at((HERE[0], foot))
+    return walker
 
 
-def test_a_swing_foot_is_sent_along_its_path() -> None:
-    target, rates, swing, adjusted = reference()
-    np.testing.assert_allclose(target[:3, :3], about_vertical(0.4))
-    np.testing.assert_allclose(target[:3, 3], [0.3, -0.1, 0.01 - 0.006 * 0.03 / 0.15])
-    np.testing.assert_allclose(swing.x[:3], [0.3, -0.1, 0.01])
-    assert rates == {"velocity": [1.0, 2.0, 3.0, 0.0, 0.0, 4.0], "acceleration": [5.0, 6.0, 7.0, 0.0, 0.0, 8.0]}
-    assert adjusted == []
-    target, _, _, adjusted = reference(_t=0.2)
-    assert target[2, 3] == pytest.approx(0.01 - 0.006)
-    assert adjusted == [("error", "pushed")]
+@pytest.mark.parametrize(("t", "sinks"), [(0.03, 0.2), (0.2, 1.0)])
+def test_a_swing_foot_is_sent_along_its_path(t: float, sinks: float) -> None:
+    expected = swing((0.3, -0.1, 0.01, 0.4), (0.35, -0.1, 0.0, 0.4), time=t)
+    expected.step(DT)
+    x, y, z, yaw = expected.x
+    native = swinging((0.3, -0.1, 0.01, 0.0), t=t).native
+    target = native.swing.reshape(4, 4)
+    np.testing.assert_allclose(target[:3, :3], about_vertical(yaw))
+    np.testing.assert_allclose(target[:3, 3], [x, y, z - 0.006 * sinks], atol=1e-12)
+    np.testing.assert_array_equal(target[3], [0.0, 0.0, 0.0, 1.0])
+    for found, part in ((native.swing_velocity, expected.v), (native.swing_acceleration, expected.a)):
+        np.testing.assert_allclose(found, [*part[:3], 0.0, 0.0, part[3]], atol=1e-9)
+    np.testing.assert_allclose(native.state.swing.x[:3], [x, y, z])
 
 
 def test_a_blocked_swing_foot_is_not_pushed_far() -> None:
-    blocked = {"r": np.array([0.2, -0.1, 0.05]), "l": np.full(3, 9.0)}
-    target, _, swing, _ = reference(here=blocked)
-    np.testing.assert_allclose(swing.x[:3], [0.2 + AHEAD, -0.1, 0.05 - AHEAD])
-    np.testing.assert_allclose(target[:2, 3], [0.2 + AHEAD, -0.1])
+    native = swinging((0.2, -0.1, 0.05, 0.0), t=0.03).native
+    np.testing.assert_allclose(native.state.swing.x[:3], [0.2 + AHEAD, -0.1, 0.05 - AHEAD])
+    np.testing.assert_allclose(native.swing.reshape(4, 4)[:2, 3], [0.2 + AHEAD, -0.1])
 
 
-@pytest.mark.parametrize(("left", "speed"), [(0.3, CORRECTION), (0.5 * LAST, CREEPS)])
-def test_inside_the_sole_a_step_stays_as_planned(left: float, speed: float) -> None:
-    moved: list[Any] = []
-    swing = SimpleNamespace(retarget=lambda *given: moved.append(given), duration=0.5, x=np.zeros(4))
-    planned = SimpleNamespace(foothold=foothold(RIGHT, 0.3, -0.1))
-    part = SimpleNamespace(
-        _swing=swing, _planned=planned, _haste=1.0, gait=Gait(single=0.5), edge=False, _T=0.5, _t=0.5 - left, dt=DT,
-        _goal=lambda: "goal", _plan=lambda: moved.append("plan"), feet=[], footsteps=None, omega=3.0,
+def test_inside_the_sole_a_step_stays_as_planned() -> None:
+    walker = swinging((0.3, -0.1, 0.01, 0.0), t=0.2, target=place(RIGHT, 0.9, 0.9))
+    assert not walker.state.edge
+    assert walker.state.target == walker.state.planned[1]
+    assert (walker.state.duration, walker.state.swing.duration) == (0.5, 0.5)
+
+
+@pytest.mark.parametrize(("t", "speed"), [(0.3, CORRECTION), (0.5 - 0.5 * LAST, CREEPS)])
+def test_a_goal_creeps_shortly_before_the_landing(t: float, speed: float) -> None:
+    planned = place(LEFT, 0.0, 0.1), place(RIGHT, 0.5, -0.1, 0.4), (0.0, 0.0), 0.5
+    goal = swinging((0.3, -0.1, 0.01, 0.0), t=t, planned=planned).state.swing.goal
+    assert math.dist(goal[:2], (0.35, -0.1)) == pytest.approx(speed * DT)
+
+
+@pytest.mark.parametrize("push", [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.4), (0.2, 0.2)])
+def test_a_push_moves_the_landing_as_the_adjustment_says(push: tuple[float, float]) -> None:
+    """Foothold and time of ``adjust`` for the walker's error and ZMP, the time at a bounded rate."""
+    foot, t = (0.2, -0.1, 0.03, 0.0), 0.2
+    walker = Alone(
+        0.02, phase=SWING, stance=LEFT, t=t, duration=0.5, walking=True, pace=(0.1, 0.0, 0.0), command=(0.1, 0.0, 0.0),
+        planned=(place(LEFT, 0.0, 0.1), place(RIGHT, 0.1, -0.1), (0.0, 0.0), 0.5),
+        swing=swing((foot[0], foot[1], 0.03, 0.0), (0.1, -0.1, 0.0, 0.0), time=t),
     )  # fmt: skip
-    methods["_adjust"](part, np.array([0.1, 0.1]), np.zeros(2))
-    assert part._target is planned.foothold
-    assert moved == [("goal", speed, DT)]
-    assert (part._T, swing.duration) == (0.5, 0.5)
-
-
-@pytest.mark.parametrize(("later", "expected"), [(0.1, 3.0 * DT), (-0.1, -3.0 * DT), (0.006, 0.006), (0.002, 0.0)])
-def test_a_landing_time_changes_at_a_bounded_rate(
-    later: float, expected: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen: dict[str, Any] = {}
-
-    def adjusted(*given: Any, **bounds: Any) -> tuple[Foothold, float]:
-        seen.update(bounds)
-        return foothold(RIGHT, 0.4, -0.1), 0.3 + later
-
-    monkeypatch.setattr(room, "adjust", adjusted)
-    swing = Swing(np.zeros(4), np.array([0.3, -0.1, 0.0, 0.0]), 0.5, 0.05)
-    plans: list[int] = []
-    foot = SimpleNamespace(middle=(0.02, 0.0), origin=lambda xy, yaw: xy)
-    part = SimpleNamespace(
-        _swing=swing, _planned=made_landing(), _haste=0.9, gait=Gait(single=0.5), edge=True, _T=0.5, _t=0.2, dt=DT,
-        _goal=lambda: np.zeros(4), _plan=lambda: plans.append(1), feet=[foot, foot], footsteps=None, omega=3.0,
+    before = walker.state.swing.x
+    walker.at((HERE[0], foot), velocity=(*push, 0.0))
+    balance = np.array(walker.native.balance)
+    xi = np.array(walker.state.capture_point)
+    np.testing.assert_allclose(xi, np.array(push) / 3.5)
+    wanted = balance[:2] + (1.0 + 3.0 / 3.5) * (xi - balance[2:])
+    corners = np.array(HERE[LEFT][:2]) + 0.02 * SQUARE
+    ankle = nearest(corners[hull(corners)], wanted) - balance[:2]
+    assert walker.state.edge
+    landing = Landing(
+        stance=Foothold(LEFT, 0.0, 0.1), foothold=Foothold(RIGHT, 0.1, -0.1), offset=np.zeros(2), left=0.5 - t
+    )
+    footsteps = Footsteps(period=GAIT.single + GAIT.double, width=0.2, reach=REACH)
+    expected, left = adjust(
+        landing, footsteps, xi - balance[2:], ankle, 3.5, now=np.array(before[:2]), soonest=0.05,
+        latest=1.6 * GAIT.single - t, usual=GAIT.single - t, speed=CORRECTION, least=0.015,
     )  # fmt: skip
-    methods["_adjust"](part, np.array([0.1, 0.1]), np.zeros(2))
-    assert part._target.x == 0.4
-    found: float = part._T
-    assert found == pytest.approx(0.5 + expected)
-    assert swing.duration == pytest.approx(part._T)
-    assert len(plans) == int(expected != 0.0)
-    assert seen["soonest"] == 0.05
-    assert seen["latest"] == pytest.approx(1.6 * 0.45 - 0.2)
-    assert seen["usual"] == pytest.approx(0.45 - 0.2)
-    assert (seen["speed"], seen["least"]) == (CORRECTION, 0.015)
-    np.testing.assert_allclose(seen["now"], [0.02, 0.0])
-
-
-def made_landing() -> Any:
-    from hqp.walking import Landing
-
-    return Landing(stance=foothold(LEFT, 0.0, 0.1), foothold=foothold(RIGHT, 0.3, -0.1), offset=np.zeros(2), left=0.3)
+    assert walker.state.target == pytest.approx((RIGHT, expected.x, expected.y, expected.z, expected.yaw), abs=1e-9)
+    later = left - (0.5 - t)
+    moved = math.copysign(min(3.0 * DT, abs(later)), later) if abs(later) > DT else 0.0
+    assert walker.state.duration == pytest.approx(0.5 + moved)
+    assert walker.state.swing.duration == walker.state.duration
 
 
 # ------------------------------------------------------------------------------------------------ commands
 
 
 def test_go_and_stop_say_what_is_followed() -> None:
-    session = SimpleNamespace(stopping="", stopped="")
-    part = SimpleNamespace(session=session, ability=made().ability, walking=False, command=Command(), why=())
-    methods["go"](part, 0.1, 0.02, 0.1)
-    assert (part.command, part.why, part.walking) == (Command(0.1, 0.02, 0.1), (), True)
-    methods["go"](part)
-    assert part.command == Command()
-    methods["go"](part, 9.0)
-    assert (part.command.left, part.command.turn) == (0.0, 0.0)
-    assert part.command.forward == pytest.approx(made().ability.reach.forward / (2.0 / 3.0 * made().gait.period))
-    assert "knees" in part.why[0]
-    methods["stop"](part)
-    assert (part.command, part.walking) == (Command(), False)
-    for field in ("stopping", "stopped"):
-        part.session = SimpleNamespace(**{"stopping": "", "stopped": "", field: "a door"})
-        methods["go"](part, 0.1)
-        assert (part.command, part.walking) == (Command(), False)
-        assert "a door" in part.why[0]
+    walker = Walker(hqp.robots.load("g1", rotors=True), dt=DT, deadline=math.inf)
+    walker.go(0.1, 0.02, 0.1)
+    assert (walker.command, walker.why, walker.walking) == (Command(0.1, 0.02, 0.1), (), True)
+    walker.go()
+    assert walker.command == Command()
+    walker.go(9.0)
+    assert (walker.command.left, walker.command.turn) == (0.0, 0.0)
+    assert walker.command.forward == pytest.approx(walker.ability.reach.forward / (2.0 / 3.0 * walker.gait.period))
+    assert "knees" in walker.why[0]
+    walker.stop()
+    assert (walker.command, walker.walking) == (Command(), False)
+    walker.session.stop("a door")
+    walker.go(0.1)
+    assert (walker.command, walker.walking) == (Command(), False)
+    assert "a door" in walker.why[0]
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_a_state_that_is_not_finite_leaves_no_trace(wrong: float) -> None:
+    """The tick after it has the references of a walker that has not seen it."""
+    one, other = Alone(command=(0.1, 0.0, 0.0), walking=True), Alone(command=(0.1, 0.0, 0.0), walking=True)
+    com = 0.001, 0.002, HEIGHT - 0.003
+    one.at(com=(wrong, 0.0, HEIGHT))
+    one.at(((0.0, wrong, 0.0, 0.0), HERE[1]))
+    for walker in (one, other):
+        walker.at(com=com)
+    assert np.isfinite(one.native.balance).all()
+    assert (list(one.native.balance), one.native.height) == (list(other.native.balance), other.native.height)
+    assert PHASES[one.state.phase] == "stand"

@@ -11,6 +11,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "../walking/binding.hpp"
 #include "batch.hpp"
 #include "live.hpp"
 #include "node.hpp"
@@ -219,6 +220,7 @@ NB_MODULE(_session, module) {
   nb::exception<hqp::PlanError>(module, "PlanError");
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);
   binding::bind_parts(module);
+  binding::bind_walking(module);
   nb::class_<binding::LiveSession>(module, "Live")
       .def(nb::init<const nb::object&>(), "tree"_a)
       .def("take_references", &binding::LiveSession::take_references, "references"_a)

@@ -1,0 +1,199 @@
+// Base of a legged robot from an IMU, encoders and feet that stand still. See estimation/feet.py for the equations.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "feet_kinematics.hpp"
+#include "plane.hpp"
+
+namespace hqp {
+
+inline double yaw_of(const Mat3& R) { return std::atan2(R.column[0][1], R.column[0][0]); }
+inline Mat3 about_vertical(double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  return {{{c, s, 0.0}, {-s, c, 0.0}, {0.0, 0.0, 1.0}}};
+}
+inline Mat3 exponential(const Vec3& w) {
+  const double square = dot(w, w), angle = std::sqrt(square);
+  const double a = angle > 1e-9 ? std::sin(angle) / angle : 1.0;
+  const double b = angle > 1e-9 ? (1.0 - std::cos(angle)) / square : 0.5;
+  const double xy = b * w[0] * w[1], xz = b * w[0] * w[2], yz = b * w[1] * w[2];
+  const Vec3 t = a * w;
+  return {{{1.0 - b * (w[1] * w[1] + w[2] * w[2]), xy + t[2], xz - t[1]},
+           {xy - t[2], 1.0 - b * (w[0] * w[0] + w[2] * w[2]), yz + t[0]},
+           {xz + t[1], yz - t[0], 1.0 - b * (w[0] * w[0] + w[1] * w[1])}}};
+}
+// Rotation of a quaternion (x, y, z, w) of any nonzero length.
+inline Mat3 rotation_of(const double* quaternion) {
+  const double x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
+  const double s = 2.0 / (x * x + y * y + z * z + w * w);
+  return {{{1.0 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w)},
+           {s * (x * y - z * w), 1.0 - s * (x * x + z * z), s * (y * z + x * w)},
+           {s * (x * z + y * w), s * (y * z - x * w), 1.0 - s * (x * x + y * y)}}};
+}
+// Unit quaternion (x, y, z, w) of a rotation.
+inline void quaternion_of(const Mat3& R, double* found) {
+  const auto m = [&](int i, int j) { return R.column[j][i]; };
+  const double trace = m(0, 0) + m(1, 1) + m(2, 2);
+  if (trace > 0.0) {
+    const double w = 0.5 * std::sqrt(1.0 + trace), f = 0.25 / w;
+    found[0] = f * (m(2, 1) - m(1, 2)), found[1] = f * (m(0, 2) - m(2, 0)), found[2] = f * (m(1, 0) - m(0, 1));
+    found[3] = w;
+  } else {
+    int i = 0;
+    if (m(1, 1) > m(i, i)) i = 1;
+    if (m(2, 2) > m(i, i)) i = 2;
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    found[i] = 0.5 * std::sqrt(std::max(1.0 + m(i, i) - m(j, j) - m(k, k), 0.0));
+    const double f = 0.25 / found[i];
+    found[j] = f * (m(i, j) + m(j, i)), found[k] = f * (m(i, k) + m(k, i)), found[3] = f * (m(k, j) - m(j, k));
+  }
+  double square = 0.0;
+  for (int i = 0; i < 4; ++i) square += found[i] * found[i];
+  for (int i = 0; i < 4; ++i) found[i] /= std::sqrt(square);
+}
+
+class FeetEstimator {
+ public:
+  // p: joints, bodies and feet, and the constants of estimation/feet.py; q: configuration at the start.
+  template <class Plan>
+  FeetEstimator(const Plan& p, const double* q)
+      : kinematics_(p.part("motion"), p.parts("feet"), p.integer("nv")),
+        feet_(kinematics_.feet()),
+        still_(std::size_t(kinematics_.nv()), 0.0),
+        period_(p.number("period")),
+        least_load_(p.number("least_load")),
+        tilt_(period_ / p.number("tilt")),
+        yaw_(period_ / p.number("yaw")),
+        velocity_(period_ / p.number("velocity")),
+        position_(period_ / p.number("position")),
+        landed_(p.number("landed")),
+        faint_(p.number("faint")),
+        slips_(p.number("slips")),
+        smooth_(p.number("smooth")),
+        lost_(p.number("lost")),
+        gravity_(p.vec3("gravity")),
+        base_(rotation_of(q + 3)),
+        p_(load(q)) {
+    kinematics_.update(q, still_.data());
+    for (std::size_t i = 0; i < feet_.size(); ++i)
+      feet_[i].anchor = kinematics_.position(i), feet_[i].anchor_yaw = yaw_of(kinematics_.rotation(i));
+  }
+
+  int nq() const { return kinematics_.nq(); }
+  int nv() const { return kinematics_.nv(); }
+  std::size_t feet() const { return feet_.size(); }
+  bool slipping(std::size_t foot) const { return feet_[foot].slipped > 0.0; }
+
+  // q, v: joints from encoders, orientation and angular velocity of the base from the IMU; found_q, found_v: with the
+  // estimated base.  Measurements that are not finite leave the estimate as it is.
+  void update(const double* q, const double* v, const double* specific_force, const double* loads, double* found_q,
+              double* found_v) {
+    std::copy(q, q + nq(), found_q), std::copy(v, v + nv(), found_v);
+    if (finite(q + 3, nq() - 3) && finite(v + 3, nv() - 3) && finite(specific_force, 3)) {
+      const double dt = period_;
+      const Vec3 down = row(rotation_of(q + 3), 2), own = row(base_, 2);  // the vertical in the base's axes
+      base_ = base_ * exponential(dt * load(v + 3) + tilt_ * cross(down, own));
+      std::fill(found_q, found_q + 3, 0.0), std::fill(found_v, found_v + 3, 0.0);
+      quaternion_of(base_, found_q + 3);
+      kinematics_.update(found_q, found_v);
+      for (std::size_t i = 0; i < feet_.size(); ++i) {
+        Foot& foot = feet_[i];
+        foot.place = kinematics_.position(i), foot.rate = kinematics_.velocity(i);
+        foot.yaw = yaw_of(kinematics_.rotation(i));
+      }
+      v_ = v_ + dt * (base_ * load(specific_force) + gravity_);
+      p_ = p_ + dt * v_;
+      stand(loads);
+      hold();
+      lead_back();
+    }
+    for (int i = 0; i < 3; ++i) found_q[i] = p_[i];
+    quaternion_of(base_, found_q + 3);
+    const Vec3 own = transposed(base_, v_);
+    for (int i = 0; i < 3; ++i) found_v[i] = own[i];
+  }
+
+ private:
+  struct Foot {
+    Vec3 anchor{}, place{}, rate{};  // in the world; from the base; over the base
+    double anchor_yaw = 0.0, yaw = 0.0, contrary = 0.0, slipped = 0.0, weight = 0.0;
+    Vec2 over_ground{};
+    bool stands = true;
+
+    void land(const Vec3& base) { anchor = base + place, anchor_yaw = yaw; }
+  };
+
+  static Vec3 row(const Mat3& R, int i) { return {R.column[0][i], R.column[1][i], R.column[2][i]}; }
+  static bool finite(const double* x, int n) {
+    double sum = 0.0;
+    for (int i = 0; i < n; ++i) sum += 0.0 * x[i];
+    return sum == 0.0;
+  }
+  // Weights of the feet that stand; one that has just landed gets its place.
+  void stand(const double* loads) {
+    for (std::size_t i = 0; i < feet_.size(); ++i) {
+      Foot& foot = feet_[i];
+      const bool loaded = loads[i] > least_load_;  // NaN is no load
+      foot.contrary = loaded == foot.stands ? 0.0 : foot.contrary + period_;
+      if (foot.contrary >= landed_) foot.stands = loaded, foot.contrary = 0.0, foot.land(p_);
+      foot.weight = !foot.stands ? 0.0 : loaded ? std::max(loads[i] - least_load_, faint_) : faint_;
+    }
+    share();
+  }
+  // Weights without the feet that slip; the fastest is found first, one in an update: it pulls at the others.
+  void hold() {
+    const double follow = std::min(period_ / smooth_, 1.0);
+    double fastest = 0.0;
+    Foot* found = nullptr;
+    for (Foot& foot : feet_) {
+      const bool bears = foot.weight > 0.0;
+      const Vec2 seen{v_[0] + foot.rate[0], v_[1] + foot.rate[1]};
+      foot.over_ground = bears ? foot.over_ground + follow * (seen - foot.over_ground) : Vec2{};
+      const double speed = std::hypot(foot.over_ground.x, foot.over_ground.y);
+      if (foot.slipped > 0.0) {
+        const bool rests = speed < 0.5 * slips_ || foot.slipped >= lost_;
+        foot.slipped = bears && !rests ? foot.slipped + period_ : 0.0;
+        if (bears && rests) foot.land(p_);
+      }
+      if (!(foot.slipped > 0.0) && speed > fastest) fastest = speed, found = &foot;
+    }
+    if (found && fastest > slips_) found->slipped = period_;
+    for (Foot& foot : feet_)
+      if (foot.slipped > 0.0) foot.weight = 0.0;
+    share();
+  }
+  void lead_back() {
+    double all = 0.0, turn = 0.0;
+    Vec3 rate{}, place{};
+    for (const Foot& foot : feet_) {
+      all += foot.weight;
+      turn += foot.weight * wrapped(foot.anchor_yaw - foot.yaw);
+      rate = rate + foot.weight * foot.rate;
+      place = place + foot.weight * (foot.anchor - foot.place);
+    }
+    if (!(all > 0.0)) return;
+    base_ = about_vertical(yaw_ * turn) * base_;
+    v_ = v_ + velocity_ * (-1.0 * rate - v_);
+    p_ = p_ + position_ * (place - p_);
+  }
+  void share() {  // the weights have the sum 1, unless all are zero
+    double total = 0.0;
+    for (const Foot& foot : feet_) total += foot.weight;
+    for (Foot& foot : feet_)
+      if (total > 0.0) foot.weight /= total;
+  }
+
+  FeetKinematics kinematics_;
+  std::vector<Foot> feet_;
+  std::vector<double> still_;
+  double period_, least_load_, tilt_, yaw_, velocity_, position_, landed_, faint_, slips_, smooth_, lost_;
+  Vec3 gravity_;
+  Mat3 base_;
+  Vec3 p_, v_{};
+};
+
+}  // namespace hqp

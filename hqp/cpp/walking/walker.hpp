@@ -1,0 +1,398 @@
+// A biped that walks: phases, plan of the DCM, swing foot, and the references of its stack. See walking/walker.py.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "ability.hpp"
+#include "adjustment.hpp"
+#include "biped.hpp"
+#include "pendulum.hpp"
+#include "swing.hpp"
+
+namespace hqp {
+
+enum class WalkPhase { kStand, kShift, kSwing };  // shift: both feet, the ZMP on its way to the next stance foot
+
+// Plain data of a walker between two ticks.
+struct WalkState {
+  WalkPhase phase = WalkPhase::kStand;
+  int stance = kRight;
+  bool entered = false, walking = false, started = false, edge = false;
+  Command command, pace;
+  Foothold holds[2];         // present or last footholds
+  Foothold nominal, target;  // foothold of the swing foot: planned, and corrected
+  Swing swing;
+  Landing planned{};
+  double t = 0.0, T = 0.0, since = 0.0, time = 0.0;  // time in the phase, its duration, time in the plan [s]
+  double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0, mean = 1.0, heavier = 1.0;
+  double sunk[2] = {};
+  Vec2 zmp, sum, capture_point;
+
+  bool swings() const { return phase == WalkPhase::kSwing; }
+};
+
+// References of a walk's elements in one tick.
+struct WalkReferences {
+  std::array<double, 4> balance{};  // ZMP, DCM
+  double height = 0.0, share = 0.5;
+  std::array<double, 16> swing{};  // pose of the swing foot, row by row
+  std::array<double, 6> swing_velocity{}, swing_acceleration{};
+  std::array<double, 9> trunk{};                  // rotation, row by row
+  std::array<std::array<double, 3>, 2> normal{};  // normals of the soles
+};
+
+class Walker {
+ public:
+  // Largest distance of a landed foot below its path, or height of its path above the goal [m]; else it has scuffed.
+  static constexpr double kTouch = 0.05, kHeld = 5e-3, kDown = 0.02;
+  static constexpr double kEarly = 0.55;  // share of the swing time before which a foot does not land
+  static constexpr double kLate = 0.015;  // share of the weight that confirms a landing after the swing time
+  static constexpr double kFade = 0.08;   // fade time of a torque jump, for a joint's largest torque [s]
+  static constexpr double kTake = 0.06;   // shortest time in which a foot's share changes from 0 to 1 [s]
+  static constexpr double kIntegral = 0.5, kMost = 0.03;  // integral of the DCM error: gain [1/s], limit [m s]
+  static constexpr double kLeast = 0.015;  // DCM error above which a step corrects its foothold and time [m]
+  static constexpr double kCorrection = 1.5, kCreeps = 0.2;  // speed of a goal, and shortly before the landing [m/s]
+  static constexpr double kLast = 0.08;                      // remaining time below which the landing time is fixed [s]
+  static constexpr double kLongest = 1.6;                    // limit of the landing time as a share of the swing time
+  static constexpr double kHurry = 3.0;                      // largest rate of change of the landing time [s/s]
+  static constexpr double kAhead = 0.02;                     // largest error of a blocked swing foot's reference [m]
+  static constexpr double kSoonest = 0.05;                   // after lift-off, and to the landing, of a correction [s]
+  static constexpr double kWeighs = 2.0, kSag = 0.02;  // integral of the CoM's height error: gain [1/s], limit [m]
+  static constexpr double kWeighing = 2.0, kHeavier = 0.25;  // mean load: time constant [s], largest change of torques
+
+  // Fields: see walking/walker.py.
+  template <class Plan>
+  explicit Walker(const Plan& p)
+      : dt_(p.number("dt")),
+        height_(p.number("height")),
+        omega_(p.number("omega")),
+        pendulum_(p.number("pendulum")),
+        k_(p.number("k")),
+        weight_(p.number("weight")) {
+    const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
+    gait_ = {gait[0], gait[1], gait[2], gait[3], gait[4], gait[5]};
+    footsteps_ = {gait_.period(), p.number("width"), {reach[0], reach[1], reach[2], reach[3]}};
+    ability_ = {gait_, footsteps_.reach, footsteps_.width, height_, p.number("gravity")};
+    ability_.reach.forward = p.number("planned");
+    for (const Plan& one : p.parts("soles")) soles_.push_back(Sole::of(one));
+    need(soles_.size() == 2, "a walker has two soles");
+    const std::vector<double> upright = p.numbers("upright", 9);
+    std::copy(upright.begin(), upright.end(), upright_.begin());
+    limits_ = p.numbers("limits");
+    rest_.resize(limits_.size()), sent_.resize(limits_.size());
+    support_ = std::make_unique<Support>(biped_, soles_);
+    paces_.reserve(Ability::kMost + 4), pieces_.reserve(kPieces);
+  }
+  Walker(const Walker&) = delete;
+
+  // Velocity from now on: the nearest one that steps can follow.
+  void go(const Command& requested) {
+    refused_.clear(), limited_.clear();
+    state_.command = ability_.allowed(requested, [this](const Limited& one) { limited_.push_back(one); });
+    state_.walking = true;
+  }
+  // Stand, because the session is stopped.
+  void refuse(const std::string& reason) {
+    limited_.clear();
+    refused_ = reason, state_.command = {};
+  }
+  // Come to stand with the feet side by side, over as many steps as it takes.
+  void stop() {
+    if (state_.walking) state_.command = {}, state_.walking = false;
+  }
+  // Reasons for each difference of the command from the latest `go`.
+  std::vector<std::string> why() const {
+    if (!refused_.empty()) return {"stopped (" + refused_ + "): call session.resume()"};
+    std::vector<std::string> found;
+    for (const Limited& one : limited_) found.push_back(one.text());
+    return found;
+  }
+  const std::vector<Limited>& limited() const { return limited_; }
+  bool stands() const { return state_.phase == WalkPhase::kStand && state_.t >= state_.T; }
+  double stopping_time() {  // longest time from `stop` to standing [s]
+    ability_.paces(state_.pace, {}, paces_);
+    return static_cast<double>(paces_.size() + 1) * gait_.period() + 2.0 * gait_.first;
+  }
+
+  BipedState& biped() { return biped_; }
+  WalkState& state() { return state_; }
+  const WalkState& state() const { return state_; }
+  const WalkReferences& references() const { return references_; }
+  const DcmPlan& plan() const { return dcm_; }
+  const std::vector<Piece>& pieces() const { return pieces_; }
+  const Ability& ability() const { return ability_; }
+  const Footsteps& footsteps() const { return footsteps_; }
+  // Name of the standing feet: the phase of the stack.
+  const char* support() const {
+    static constexpr const char* kNames[] = {"left", "right"};
+    return state_.swings() ? kNames[state_.stance] : "both";
+  }
+  std::size_t motors() const { return limits_.size(); }
+
+  // References for the state in biped(); loads: normal forces of the feet [N], null for none: then a foot has landed
+  // when its time is up.  A state that is not finite leaves the references as they are.
+  void step(const double* loads) {
+    state_.entered = false;
+    if (!biped_.finite()) return;
+    if (!state_.started) start();
+    advance(loads);
+    refer();
+  }
+  // End of a tick: scale its torques by the weight felt; after a switch go on from those before, within the limits.
+  void finish(const double* loads, double* command) {
+    if (loads) weigh(loads[0] + loads[1]);
+    for (std::size_t i = 0; i < limits_.size(); ++i) {
+      command[i] *= state_.heavier;
+      if (state_.entered && has_sent_) rest_[i] = sent_[i] - command[i];
+      const double fading = limits_[i] * dt_ / kFade;
+      rest_[i] -= held(rest_[i], -fading, fading);
+      command[i] = sent_[i] = held(command[i] + rest_[i], -limits_[i], limits_[i]);
+    }
+    has_sent_ = true;
+    state_.t += dt_;
+    if (!state_.swings() || state_.t < state_.T) state_.since += dt_;  // later the plan waits for the foot
+    state_.time += dt_;
+  }
+
+ private:
+  static constexpr std::size_t kPieces = 2 * (Ability::kMost + 2) + 4;
+
+  void start() {
+    WalkState& s = state_;
+    s.started = true;
+    for (const int side : {kLeft, kRight}) s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
+    s.z = biped_.com[2];
+    s.zmp = {biped_.com[0], biped_.com[1]};
+    s.yaw = mean_yaw();
+    s.nominal = s.target = s.holds[kLeft];
+    s.t = 0.0, s.T = gait_.first;
+    plan_ahead();
+  }
+
+  // Take the next phase where this one is over.
+  void advance(const double* loads) {
+    WalkState& s = state_;
+    if (s.phase == WalkPhase::kStand && s.walking && s.t >= s.T) {
+      s.stance = kRight;
+      enter(WalkPhase::kShift, gait_.first);
+    } else if (s.phase == WalkPhase::kShift && s.t >= s.T) {
+      s.pace = ability_.paced(s.pace, s.command);
+      enter(WalkPhase::kSwing, haste() * gait_.single_support);
+    } else if (s.swings() && landed(loads)) {
+      const int side = 1 - s.stance;
+      s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
+      s.sunk[side] = held(s.sunk[side] + 0.7 * (biped_.position[side][2] - s.swing.x[2]), -kSag, kSag);
+      s.stance = side;
+      s.share = static_cast<double>(1 - side);  // the other foot still bears it all
+      const bool last = !s.walking && s.pace == Command();
+      enter(last ? WalkPhase::kStand : WalkPhase::kShift, doubled(s.pace, last));
+    }
+  }
+  // True if the swing foot stands: its time is up, or it bears load near its path or its goal.
+  bool landed(const double* loads) {
+    WalkState& s = state_;
+    if (!loads) return s.t >= s.T;
+    const double least = s.t < s.T ? kTouch : kLate;
+    if (loads[1 - s.stance] > least * weight_ && s.t > kEarly * s.T) {
+      const double z = biped_.position[1 - s.stance][2], path = s.swing.x[2];
+      if (z > path - kHeld || path < s.swing.goal[2] + kDown) return true;
+      s.swing.clear(z);
+    }
+    return s.t > s.T + gait_.patience;
+  }
+  void enter(WalkPhase phase, double duration) {
+    WalkState& s = state_;
+    s.phase = phase, s.entered = true, s.t = 0.0, s.T = duration;
+    if (!s.swings()) return plan_ahead();
+    const int side = 1 - s.stance;
+    s.holds[s.stance] = biped_.placed(s.stance, soles_[std::size_t(s.stance)]);  // after it has settled
+    s.nominal = s.target = next(s.holds[s.stance], s.pace);
+    const Vec3& p = biped_.position[side];
+    s.swing = Swing({p[0], p[1], p[2], biped_.yaw(side)}, goal(), duration, gait_.height, gait_.search);
+    plan_ahead();
+    s.planned = {s.holds[s.stance], s.nominal, dcm_.at(duration).second - s.nominal.xy(), duration};
+  }
+
+  // ZMP and DCM from now on: three steps, or all until it stands.
+  void plan_ahead() {
+    WalkState& s = state_;
+    Foothold holds[2] = {s.holds[0], s.holds[1]};
+    int stance = s.stance;
+    Vec2 at = s.zmp;
+    pieces_.clear();
+    const auto to = [&](double duration, const Vec2& where) {
+      if (!(duration > 0.0)) return;
+      pieces_.push_back({duration, at, where});
+      at = where;
+    };
+    const auto middle = [&] { return 0.5 * (holds[0].xy() + holds[1].xy()); };
+    if (s.phase == WalkPhase::kStand) {
+      to(std::max(s.T - s.t, dt_), middle());
+    } else {
+      if (s.phase == WalkPhase::kShift) to(std::max(s.T - s.t, dt_), holds[stance].xy());
+      const std::size_t swings = s.swings() ? 1 : 0;
+      if (!s.walking && swings && s.pace == Command()) paces_.clear();
+      else ability_.paces(s.pace, s.command, paces_);
+      if (s.walking) paces_.resize(3 - swings, s.command);
+      const std::size_t count = paces_.size() + swings;
+      for (std::size_t k = 0; k < count; ++k) {
+        const bool under_way = swings && k == 0;
+        const Command pace = under_way ? s.pace : paces_[k - swings];
+        to(std::max(under_way ? s.T - s.t : ability_.haste(pace) * gait_.single_support, dt_), holds[stance].xy());
+        holds[1 - stance] = under_way ? s.nominal : next(holds[stance], pace);
+        stance = 1 - stance;
+        const bool last = !s.walking && k + 1 == count;
+        to(doubled(pace, last), last ? middle() : holds[stance].xy());
+      }
+      if (s.walking) to(ability_.haste(s.command) * gait_.single_support, holds[stance].xy());
+    }
+    to(0.5, at);
+    dcm_.plan(pieces_, omega_);
+    s.since = 0.0;
+  }
+  double haste() const { return ability_.haste(state_.pace); }
+  // Time of both feet on the ground after a step [s].
+  double doubled(const Command& pace, bool last) const {
+    return last ? gait_.first : ability_.haste(pace) * gait_.double_support;
+  }
+  Foothold next(const Foothold& stance, const Command& pace) const {
+    Footsteps steps = footsteps_;
+    steps.period = ability_.haste(pace) * gait_.period();
+    return steps.next(stance, pace);
+  }
+  Swing::Four goal() const {
+    const Foothold& target = state_.target;
+    const Vec2 at = target.xy() - turned(target.yaw, soles_[std::size_t(target.side)].middle);
+    return {at.x, at.y, state_.holds[state_.stance].z, target.yaw};
+  }
+
+  void refer() {
+    WalkState& s = state_;
+    support_->stand(!s.swings() || s.stance == kLeft, !s.swings() || s.stance == kRight);
+    const auto [zmp, dcm] = dcm_.at(s.since);
+    s.zmp = zmp;
+    const Vec2 com{biped_.com[0], biped_.com[1]}, rate{biped_.velocity[0], biped_.velocity[1]};
+    s.capture_point = com + rate / omega_;
+    const Vec2 error = s.capture_point - dcm, aim = zmp + kIntegral * s.sum;
+    const Vec2 wanted = aim + (1.0 + k_ / pendulum_) * (com + rate / pendulum_ - dcm),
+               reached = support_->nearest(wanted);
+    s.edge = std::hypot(reached.x - wanted.x, reached.y - wanted.y) > 1e-6;
+    if (!s.edge || dot(error, s.sum) < 0.0) s.sum = within(s.sum + dt_ * omega_ * error, kMost);
+    references_.balance = {aim.x, aim.y, dcm.x, dcm.y};
+    references_.height = height(biped_.com[2]);
+    if (s.swings()) swing(error, reached - zmp);
+    else references_.share = share(reached);
+    const double yaw = next_yaw(), c = std::cos(yaw), sine = std::sin(yaw);
+    for (std::size_t j = 0; j < 3; ++j) {
+      references_.trunk[j] = c * upright_[j] - sine * upright_[3 + j];
+      references_.trunk[3 + j] = sine * upright_[j] + c * upright_[3 + j];
+      references_.trunk[6 + j] = upright_[6 + j];
+    }
+    for (std::size_t side = 0; side < 2; ++side)
+      for (int i = 0; i < 3; ++i) references_.normal[side][std::size_t(i)] = biped_.rotation[side].column[2][i];
+  }
+  // Height of the CoM in the world, at bounded speed, raised by its recent deficit.
+  double height(double com) {
+    WalkState& s = state_;
+    const double ground = s.swings() ? s.holds[s.stance].z : 0.5 * (s.holds[0].z + s.holds[1].z);
+    const double most = 0.05 * height_ * dt_;
+    s.z += held(ground + height_ - s.z, -most, most);
+    s.raised = held(s.raised + kWeighs * dt_ * (s.z - com), -kSag, kSag);
+    return s.z + s.raised;
+  }
+  // Yaw of the trunk: between the feet, with a swing foot where it is to be.
+  double next_yaw() {
+    const double most = 0.8 * dt_;
+    return state_.yaw += held(wrapped(mean_yaw() - state_.yaw), -most, most);
+  }
+  double mean_yaw() const {
+    const double one = state_.holds[state_.stance].yaw;
+    const double other = state_.swings() ? state_.target.yaw : state_.holds[1 - state_.stance].yaw;
+    return one + 0.5 * wrapped(other - one);
+  }
+  // Share of the right foot: by where the ZMP is between the feet, at the end of a shift all on the stance foot.
+  double share(const Vec2& zmp) {
+    WalkState& s = state_;
+    const Vec2 apart = s.holds[1].xy() - s.holds[0].xy(), along = zmp - s.holds[0].xy();
+    double share = held(dot(along, apart) / dot(apart, apart), 0.0, 1.0);
+    const double left = s.T - s.t;
+    if (s.phase == WalkPhase::kShift && left < 2.0 * kTake)
+      share += (s.stance - share) * std::min(1.0, (2.0 * kTake - left) / kTake);
+    const double most = dt_ / kTake;
+    return s.share += held(share - s.share, -most, most);
+  }
+  // Move the landing of the swing foot, in place and time, to where the DCM is met.
+  void adjust(const Vec2& error, const Vec2& ankle) {
+    WalkState& s = state_;
+    const double single = haste() * gait_.single_support, speed = s.T - s.t > kLast ? kCorrection : kCreeps;
+    double left = std::max(s.T - s.t, 0.0);
+    s.target = s.planned.foothold;
+    if (s.edge) {  // inside the sole the ankle leads every error back
+      Landing planned = s.planned;
+      planned.left = left;
+      const Vec2 middle = turned(s.swing.x[3], soles_[std::size_t(s.target.side)].middle);
+      const Vec2 now = Vec2{s.swing.x[0], s.swing.x[1]} + middle;
+      std::tie(s.target, left) = adjusted(planned, footsteps_, error, ankle, omega_,
+                                          {now, kSoonest, kLongest * single - s.t, single - s.t, speed, kLeast});
+    }
+    s.swing.retarget(goal(), speed, dt_);
+    const double later = s.t + left - s.T;
+    if (!(std::fabs(later) > dt_ && s.T - s.t > kLast)) return;
+    s.T += std::copysign(std::min(kHurry * dt_, std::fabs(later)), later);
+    s.swing.duration = s.T;
+    plan_ahead();
+  }
+  // Pose of the swing foot; its goal moves to where the error of the DCM is met.
+  void swing(const Vec2& error, const Vec2& pushed) {
+    WalkState& s = state_;
+    const int side = 1 - s.stance;
+    if (s.t > kSoonest) adjust(error, pushed);
+    s.swing.step(dt_);
+    const Swing& path = s.swing;
+    const Vec3& here = biped_.position[side];
+    const Vec2 place{here[0], here[1]}, at = place + within(Vec2{path.x[0], path.x[1]} - place, kAhead);
+    s.swing.x[0] = at.x, s.swing.x[1] = at.y;
+    s.swing.x[2] = std::max(path.x[2], here[2] - kAhead);
+    const double z = s.swing.x[2] - s.sunk[side] * std::min(1.0, s.t / (0.3 * s.T));
+    const double c = std::cos(path.x[3]), sine = std::sin(path.x[3]);
+    references_.swing = {c, -sine, 0.0, at.x, sine, c, 0.0, at.y, 0.0, 0.0, 1.0, z, 0.0, 0.0, 0.0, 1.0};
+    references_.swing_velocity = {path.v[0], path.v[1], path.v[2], 0.0, 0.0, path.v[3]};
+    references_.swing_acceleration = {path.a[0], path.a[1], path.a[2], 0.0, 0.0, path.a[3]};
+  }
+  // A robot heavier than its model needs so much more torque: estimate it by the mean load of the feet.
+  void weigh(double load) {
+    WalkState& s = state_;
+    const double share = load / weight_;
+    if (!(std::fabs(share - 1.0) < 0.5)) return;  // no blow, no flight, no switch
+    s.mean += dt_ / std::min(std::max(s.time, dt_), kWeighing) * (share - s.mean);
+    s.heavier = held(s.mean, 1.0 - kHeavier, 1.0 + kHeavier);
+  }
+
+  double dt_, height_, omega_, pendulum_, k_, weight_;
+  Gait gait_{};
+  Footsteps footsteps_{};
+  Ability ability_{};
+  std::vector<Sole> soles_;
+  std::array<double, 9> upright_{};
+  std::vector<double> limits_, rest_, sent_;
+  bool has_sent_ = false;
+  BipedState biped_;
+  std::unique_ptr<Support> support_;
+  WalkState state_;
+  WalkReferences references_;
+  DcmPlan dcm_{kPieces};
+  std::vector<Piece> pieces_;
+  std::vector<Command> paces_;
+  std::vector<Limited> limited_;
+  std::string refused_;
+};
+
+}  // namespace hqp
