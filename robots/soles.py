@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import Mat
+from hqp.arrays import Mat, Vec
 from hqp.errors import ModelError
 
 from .surface import surface
@@ -19,7 +19,10 @@ SIDE_BY_SIDE = 0.03
 """The lowest shapes of two feet differ by at most this at home [m]."""
 
 UPRIGHT = np.deg2rad(3.0)
-"""A frame turned by less against the base at home is that of a sole."""
+"""A frame turned by less against (ahead, left, up) at home is that of a sole."""
+
+TOES = 0.05
+"""A sole whose middle is off its ankle by less, as a share of its length, does not show which way is ahead."""
 
 Corners = tuple[tuple[float, float], ...]
 
@@ -103,22 +106,41 @@ def _area(corners: list[Any], k: int) -> float:
 def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
     """Find the two feet of a floating robot at home: the lowest collision shapes of two links, the left one first.
 
-    Ahead is the x axis of the base, as REP 103 has it; name the soles of a robot whose base is turned.
-
-    Returns the robot and the frames of both soles.  A frame of the link whose z is up at home is taken; if
-    there is none, the returned robot has one more, ``LINK_sole``: x ahead, z up.
+    Returns the robot and the frames of both soles.  A frame of the link with the axes ahead, left, up at home is taken
+    (``standing_axes``); if there is none, the returned robot has one more, ``LINK_sole``.
     Raises ModelError for a robot whose lowest shapes are not those of two links side by side.
     """
     left, right = foot_joints(robot)
-    base = robot.state(robot.home).rotation(_body(robot, 1))
-    robot, left_sole = _level_frame(robot, left, base)
-    robot, right_sole = _level_frame(robot, right, base)
+    axes = standing_axes(robot, left, right)
+    robot, left_sole = _level_frame(robot, left, axes)
+    robot, right_sole = _level_frame(robot, right, axes)
     return robot, (left_sole, right_sole)
 
 
+def standing_axes(robot: Any, left: int, right: int) -> Mat:
+    """Columns ahead, left and up ``(3, 3)`` in the world at home, by the joints of the left and the right foot.
+
+    Left is level along the line from the right hip to the left one, from foot to foot if the hips are in line: neither
+    the axes of the base nor those of the soles matter.
+    """
+    robot.state(robot.home).kinematics()
+    ways = robot.model.supports[left].tolist(), robot.model.supports[right].tolist()
+    hips = [next(j for j in own if j not in other) for own, other in (ways, ways[::-1])]
+    for one, other in (hips, (left, right)):
+        x, y = (robot.data.oMi[one].translation - robot.data.oMi[other].translation)[:2].tolist()
+        if np.hypot(x, y) > SOLE:
+            aside = np.array([x, y, 0.0]) / np.hypot(x, y)
+            up = np.array([0.0, 0.0, 1.0])
+            return np.column_stack([np.cross(aside, up), aside, up])
+    raise ModelError(f"{robot.name}: both feet and both hips are in line at home; needed one on each side")
+
+
 def foot_joints(robot: Any) -> tuple[int, int]:
-    """The joints whose links have the lowest collision shapes at home, the left one first; raises ModelError."""
-    base = robot.state(robot.home).rotation(_body(robot, 1))  # and places every joint
+    """The joints whose links have the lowest collision shapes at home, the left one first; raises ModelError.
+
+    Ahead is where soles reach further from their ankles; of soles without toes, the x axis of the base (REP 103).
+    """
+    robot.state(robot.home).kinematics()
     lowest: dict[int, float] = {}
     for item in robot.geometry.geometryObjects:
         joint = int(item.parentJoint)
@@ -136,8 +158,18 @@ def foot_joints(robot: Any) -> tuple[int, int]:
             f"{robot.name}: joints with the lowest collision shapes at home: {names}; "
             "needed one joint on each side: name the soles"
         )
-    left, right = sorted((first, second), key=lambda j: -float(robot.data.oMi[j].translation @ base[:, 1]))
-    return left, right
+    ahead = standing_axes(robot, first, second)[:, 0]
+    toes = sum(_toes(robot, joint, ahead) for joint in (first, second))
+    faced = toes if abs(toes) > 2.0 * TOES else robot.state(robot.home).rotation(_body(robot, 1))[:, 0] @ ahead
+    return (first, second) if faced > 0.0 else (second, first)
+
+
+def _toes(robot: Any, joint: int, ahead: Vec) -> float:
+    """How far ahead of its joint the middle of a sole is, a share of its length."""
+    items = [item for item in robot.geometry.geometryObjects if item.parentJoint == joint]
+    cloud = np.vstack([_placed_in_world(robot, item) for item in items]) - robot.data.oMi[joint].translation
+    along = cloud[cloud[:, 2] < cloud[:, 2].min() + SOLE] @ ahead
+    return float(0.5 * (along.max() + along.min()) / max(float(np.ptp(along)), SOLE))
 
 
 def _placed_in_world(robot: Any, item: Any) -> Mat:
@@ -150,13 +182,13 @@ def _body(robot: Any, joint: int) -> str:
     return str(next(moved).name)
 
 
-def _level_frame(robot: Any, joint: int, base: Mat) -> tuple[Any, str]:
-    """A frame of a joint whose z is up and x ahead at home, added if there is none."""
+def _level_frame(robot: Any, joint: int, axes: Mat) -> tuple[Any, str]:
+    """A frame of a joint with these axes at home, added if there is none."""
     state = robot.state(robot.home)
     for frame in robot.model.frames:
         fixed = frame.parentJoint == joint and frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
-        if fixed and np.trace(base.T @ state.rotation(frame.name)) > 1.0 + 2.0 * np.cos(UPRIGHT):
+        if fixed and np.trace(axes.T @ state.rotation(frame.name)) > 1.0 + 2.0 * np.cos(UPRIGHT):
             return robot, str(frame.name)
     body = _body(robot, joint)
-    turn = pin.SE3(state.rotation(body).T @ base, np.zeros(3))
+    turn = pin.SE3(state.rotation(body).T @ axes, np.zeros(3))
     return robot.with_frame(f"{body}_sole", body, turn), f"{body}_sole"

@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from hqp.arrays import Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, ModelError
-from hqp.robots.soles import foot_joints, level_sole
+from hqp.robots.soles import foot_joints, level_sole, standing_axes
 
 from .joints import SIDES
 from .skeleton_map import Offset, SkeletonMap
@@ -70,24 +71,29 @@ def _sole(robot: Robot, frame: str) -> Offset | None:
 
 
 class _Tree:
-    """Bodies of a robot at home: 0 the world, 1 the base."""
+    """Bodies of a robot at home, 0 the world, 1 the base, with places in the axes ahead, left, up."""
 
     def __init__(self, robot: Robot) -> None:
         try:
             self._lowest: tuple[int, ...] = foot_joints(robot)
+            self._axes = standing_axes(robot, *self._lowest)
         except ModelError:
-            self._lowest = ()
+            self._lowest, self._axes = (), np.eye(3)
         self._robot, self._state = robot, robot.state(robot.home)
         self._state.kinematics()
         self._parents = [int(body[0]) for body in robot.bodies]
-        self._places = [np.array(body[5][0]) for body in robot.bodies]
+        self._places = [np.array(body[5][0]) @ self._axes for body in robot.bodies]
         self._frames: dict[int, list[str]] = {}
         for name in robot.frame_names:
             self._frames.setdefault(robot.body(robot.frame(name)), []).append(name)
 
+    def _place(self, frame: str) -> Vec:
+        """Origin of a frame in the axes ahead, left, up ``(3,)`` [m]."""
+        return np.asarray(self._state.position(frame) @ self._axes)
+
     def frame(self, body: int) -> str:
         """A frame at the joint that carries a body, a link rather than the joint's own name."""
-        at = [n for n in self._frames[body] if np.allclose(self._state.position(n), self._places[body], atol=1e-6)]
+        at = [n for n in self._frames[body] if np.allclose(self._place(n), self._places[body], atol=1e-6)]
         links = [n for n in at if "link" in n.lower()] or [n for n in at if "joint" not in n.lower()]
         return (links or at or self._frames[body])[-1]
 
@@ -115,11 +121,11 @@ class _Tree:
 
     def sided(self, frames: tuple[str, ...]) -> tuple[str, ...]:
         """Left first."""
-        return tuple(sorted(frames, key=lambda name: -float(self._state.position(name)[1])))
+        return tuple(sorted(frames, key=lambda name: -float(self._place(name)[1])))
 
     def half_way(self, bodies: list[int], end: str) -> int:
         """The body whose joint is nearest to the middle of a limb, along it; neither its first nor its last."""
-        stops = [*(self._places[b] for b in bodies), np.array(self._state.position(end))]
+        stops = [*(self._places[b] for b in bodies), self._place(end)]
         way = np.concatenate(([0.0], np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(stops)])))
         inner = range(1, max(2, len(bodies) - 1))
         return bodies[min(inner, key=lambda k: abs(float(way[k]) - 0.5 * float(way[-1])))]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.angles import wrapped
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import yaw_of
 from hqp.tasks.polygons import rectangle_in
@@ -23,7 +23,10 @@ MARGIN, SHARE = 0.01, 0.3
 
 @dataclass(frozen=True)
 class Foot:
-    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m]."""
+    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m].
+
+    yaw: of the frame's x axis at home, from ahead [rad].
+    """
 
     frame: str
     side: int
@@ -31,6 +34,7 @@ class Foot:
     middle: tuple[float, float]
     depth: float
     margin: float
+    yaw: float
 
     @property
     def name(self) -> str:
@@ -42,15 +46,16 @@ class Foot:
         """Largest rectangle like the box of the corners, about its middle, inside them (x_min, x_max, y_min, y_max)."""
         return rectangle_in(self.corners, np.array(self.middle))
 
+    @property
+    def breadth(self) -> float:
+        """Width of the sole, across its way ahead [m]."""
+        return float(np.ptp((np.array(self.corners) @ rotation(self.yaw).T)[:, 1]))
+
     def placed(self, state: State) -> Foothold:
         """Present foothold."""
         R, p = state.rotation(self.frame), state.position(self.frame)
         x, y, z = p + R @ [*self.middle, 0.0]
-        return Foothold(self.side, float(x), float(y), float(z), yaw_of(R))
-
-    def origin(self, xy: Vec, yaw: float) -> Vec:
-        """Place of the frame from above, with the middle at xy ``(2,)`` [m]."""
-        return np.asarray(xy - rotation(yaw) @ np.array(self.middle))
+        return Foothold(self.side, float(x), float(y), float(z), wrapped(yaw_of(R) - self.yaw))
 
 
 def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]:
@@ -58,20 +63,22 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
 
     Raises DeclarationError for a robot without two soles or a free base, ModelError where no shape touches the ground.
     """
-    from hqp.robots.soles import sole, sole_points
+    from hqp.robots.soles import sole, sole_points, standing_axes
 
     frames = tuple(robot.landmarks.get("soles", ()) if soles is None else soles)
     if len(frames) != 2 or not robot.floating:
         given = frames if robot.floating else "a fixed base"
         raise DeclarationError("walker", "no biped", value=given, allowed="a free base and the frames of two soles")
-    feet = []
+    feet, home = [], robot.copy().state(robot.home)
+    axes = standing_axes(robot, *(robot.body(robot.frame(frame)) for frame in frames))
     for side, frame in enumerate(frames):
         corners = sole(robot, frame)
         box = np.array(corners)
         low, high = box.min(axis=0), box.max(axis=0)
         x, y = (0.5 * (low + high)).tolist()
         depth = sole_points(robot, frame)[0][2]
-        feet.append(Foot(frame, side, corners, (x, y), depth, min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))))
+        margin = min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))
+        feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw_of(axes.T @ home.rotation(frame))))
     return feet[0], feet[1]
 
 

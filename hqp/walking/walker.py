@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hqp import _session
+from hqp.angles import wrapped
 from hqp.arrays import Vec
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
@@ -17,7 +18,7 @@ from hqp.declare.robot import State
 from hqp.declare.safety import Braking
 from hqp.errors import DeclarationError
 from hqp.estimation.feet import feet_tree
-from hqp.estimation.rotations import about_vertical, yaw_of
+from hqp.estimation.rotations import about_vertical
 from hqp.loop.controller import Controller
 from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits
@@ -89,7 +90,7 @@ class Walker:
         """[N]"""
         width = abs(float((one.turn.T @ (one.xy - other.xy))[1]))
         if reach is None:
-            across = max(float(np.ptp([y for _, y in foot.corners])) for foot in self.feet) + CLEAR
+            across = max(foot.breadth for foot in self.feet) + CLEAR
             least = min(max(across, 0.5 * width), 0.7 * width)
             reach = Reach(forward=0.5 * self.height, least=least, most=width + 0.15 * self.height)
         self.footsteps = Footsteps(period=self.gait.period, width=width, reach=reach)
@@ -119,15 +120,15 @@ class Walker:
     def tree(self, robot: Any) -> dict[str, Any]:
         """Parts of the native walker over the arrays of a copy of the robot."""
         home = robot.state(self.start)
-        upright = np.array(home.rotation(self.stacks.trunk.frame))
-        upright = about_vertical(-yaw_of(upright)) @ upright
+        one, other = (foot.placed(home).yaw for foot in self.feet)
+        upright = about_vertical(-one - 0.5 * wrapped(other - one)) @ home.rotation(self.stacks.trunk.frame)
         feet = feet_tree(robot, [foot.frame for foot in self.feet])
         support: dict[str, list[tuple[float, float]]] = {foot.name: [] for foot in self.feet}
         both = self.stacks.supports[BOTH]
         for name, (_, x, y, _) in zip(both.of, both.points, strict=True):
             support[name].append((float(x), float(y)))
         soles = [
-            {"frame": frame, "middle": foot.middle, "corners": support[foot.name]}
+            {"frame": frame, "middle": foot.middle, "yaw": foot.yaw, "corners": support[foot.name]}
             for foot, frame in zip(self.feet, feet.pop("feet"), strict=True)
         ]
         return {

@@ -13,12 +13,13 @@ namespace hqp {
 
 struct Sole {
   Vec2 middle;                // middle of the polygon that touches the ground, in the frame's axes [m]
+  double yaw = 0.0;           // of the frame's x axis at home, from ahead [rad]
   std::vector<Vec2> corners;  // corners of the support that the balance may use
 
   template <class Plan>
   static Sole of(const Plan& p) {
     const std::vector<double> middle = p.numbers("middle", 2);
-    Sole found{{middle[0], middle[1]}, {}};
+    Sole found{{middle[0], middle[1]}, p.number("yaw"), {}};
     for (const Plan& one : p.parts("corners")) {
       const std::vector<double> corner = one.numbers();
       need(corner.size() == 2, "a corner has two numbers");
@@ -53,7 +54,7 @@ struct BipedState {
   double yaw(int side) const { return std::atan2(rotation[side].column[0][1], rotation[side].column[0][0]); }
   Foothold placed(int side, const Sole& sole) const {
     const Vec3 at = position[side] + rotation[side] * Vec3{sole.middle.x, sole.middle.y, 0.0};
-    return {side, at[0], at[1], at[2], yaw(side)};
+    return {side, at[0], at[1], at[2], wrapped(yaw(side) - sole.yaw)};
   }
 };
 

@@ -270,8 +270,10 @@ class Walker {
   }
   Swing::Four goal() const {
     const Foothold& target = state_.target;
-    const Vec2 at = target.xy() - turned(target.yaw, soles_[std::size_t(target.side)].middle);
-    return {at.x, at.y, state_.holds[state_.stance].z, target.yaw};
+    const Sole& sole = soles_[std::size_t(target.side)];
+    const double yaw = target.yaw + sole.yaw;
+    const Vec2 at = target.xy() - turned(yaw, sole.middle);
+    return {at.x, at.y, state_.holds[state_.stance].z, yaw};
   }
 
   void refer() {
