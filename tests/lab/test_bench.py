@@ -52,6 +52,17 @@ def test_a_strict_solver_is_certified_and_a_weighted_one_is_marked(result: Bench
         result["qp"]
 
 
+def test_progress_grows_to_the_end(robot) -> None:
+    shares: list[float] = []
+    hqp.bench(
+        STACK, robot, solvers=("lexicographic",), seconds=0.6, certify_every=300,
+        progress=lambda _, share: shares.append(share),
+    )  # fmt: skip
+    assert len(shares) > 2
+    assert shares == sorted({*shares})
+    assert shares[-1] == 1.0
+
+
 def test_markdown_renders(result: Bench) -> None:
     table = [line for line in result.markdown().splitlines() if line.startswith("|")]
     widths = {len(re.findall(r"(?<!\\)\|", line)) for line in table}

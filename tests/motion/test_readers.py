@@ -113,6 +113,8 @@ def test_what_is_wrong_is_told(tmp_path: Path) -> None:
     broken[3, 2, 1] = np.nan
     with pytest.raises(DeclarationError, match="LeftLeg is not finite in frame 3"):
         Motion(motion.names, broken, 30.0)
+    with pytest.raises(DeclarationError, match=r"duplicate joint name \(given \['odd'\]\)"):
+        Motion(["odd", "odd", *motion.names[2:]], motion.positions, 30.0)
     with pytest.raises(DeclarationError, match="unknown file type"):
         read_motion(tmp_path / "walk.fbx")
     (tmp_path / "empty.npz").write_bytes(b"")

@@ -101,3 +101,14 @@ def quiet(path: Path) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return hqp.robots.load(path)
+
+
+@pytest.mark.parametrize("count", range(1, 4))
+def test_parts_that_the_robot_lacks_are_counted(count: int) -> None:
+    parts = "".join(f'<camera name="c{k}"/><light name="l{k}"/><site name="s{k}"/>' for k in range(count))
+    sensors = "".join(f'<accelerometer site="s{k}"/>' for k in range(count))
+    body = f'<body><joint/><geom size=".1"/>{parts}</body>'
+    text = f"<mujoco><worldbody>{body}</worldbody><sensor>{sensors}</sensor></mujoco>"
+    found = sections(report(hqp.robots.load(mujoco.MjModel.from_xml_string(text))))["Left out"]
+    for name in ("cameras", "lights", "sensors"):
+        assert f"{count} {name}" in found
