@@ -1,4 +1,4 @@
-"""The table of the numbers of walking and motion: every number with its value in the source, and tests that exist."""
+"""The table of the numbers of walking and motion: each has its value in Python or C++, and tests that exist."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ ROOMS = ("walking", "motion")
 OTHER = {
     "walking.footsteps.LEFT", "walking.footsteps.RIGHT", "motion.clip.TURNS", "motion.page.MILLI",
     "motion.scrubber.PERSON", "motion.smplx.NAMES", "motion.targets.Z", "motion.tracker.ZERO",
+    "walking.plane.hpp.kTurn",
 }  # fmt: skip
 """Indices, axes, names, colours and units."""
 
@@ -40,6 +41,10 @@ def numbers() -> dict[str, str]:
             text = ast.unparse(value)
             if re.search(r"\d", text) and not re.match("f?['\"]", text):
                 found[f"{path.parent.name}.{path.stem}.{name}"] = text
+    for path in sorted((ROOT / "hqp" / "cpp" / "walking").glob("*.hpp")):
+        for line in re.findall(r"constexpr (?:double|int) (.+?);", path.read_text(encoding="utf-8")):
+            for name, value in re.findall(r"(k\w+) = ([^,]+)", line):
+                found[f"walking.{path.name}.{name}"] = value
     return {name: text for name, text in found.items() if name not in OTHER}
 
 
