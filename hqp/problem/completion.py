@@ -24,6 +24,7 @@ from hqp.arrays import Mask, Mat, Vec, longest_row, right_vectors, row_lengths
 from hqp.problem import Hierarchy, Rows, Selection
 from hqp.tolerances import (
     FEASIBILITY_TOLERANCE,
+    GRADED_ROWS,
     METRIC_TOLERANCE,
     RANK_TOLERANCE,
     ROUNDING,
@@ -80,8 +81,8 @@ def unseen(problem: Hierarchy) -> Mat:
     """Orthonormal basis ``(n, r)`` of the directions that neither metric, motion nor a level below the constraints
     sees.
 
-    A row sees a direction of which it has more than RANK_TOLERANCE of the longest row: rounding of rows that are
-    products leaves 1e-12, rows that ask anything of forces have 1e-3 and more.
+    A row sees a direction of which it has more than RANK_TOLERANCE of its length, and of GRADED_ROWS of its level's
+    longest row: rounding of rows that are products leaves 1e-12, rows that ask anything of forces have 1e-3 and more.
     """
     n = problem.n
     if problem.metric is None:
@@ -94,11 +95,12 @@ def unseen(problem: Hierarchy) -> Mat:
     if problem.priced:
         motion = problem.motion
         rows.append(np.eye(n) if motion is None else np.diag(motion.F) if motion.F.ndim == 1 else motion.F)
-    T = np.concatenate([np.zeros((0, n)), *rows])
-    longest = longest_row(T)
-    if not Z.shape[1] or longest == 0.0:
+    sizes = [np.maximum(row_lengths(A), GRADED_ROWS * longest_row(A)) for A in rows]
+    own = np.concatenate([np.zeros(0), *sizes])
+    if not Z.shape[1] or not own.any():
         return np.asarray(Z)
-    sigma, Vt = right_vectors(T @ Z / longest)
+    T = np.concatenate([np.zeros((0, n)), *rows])[own > 0.0]
+    sigma, Vt = right_vectors(T @ Z / own[own > 0.0, None])
     return np.asarray(Z @ Vt[int(np.count_nonzero(sigma > RANK_TOLERANCE)) :].T)
 
 

@@ -77,3 +77,16 @@ def test_a_verdict_does_not_depend_on_the_last_digits_of_an_answer(kind: str, fl
             assert verdict.ok, f"{seed}, {digits}: {verdict}"
         judged += 1
     assert judged
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_row_is_met_however_short_it_is_beside_others(seed: int) -> None:
+    """What no level sees is chosen freely: a short row sees as much as a long one, in the unit of its length."""
+    rng, n = np.random.default_rng(seed), 6
+    C, x, B = rng.normal(size=(2, n)), rng.normal(size=n), rng.normal(size=(2, n))
+    A = rng.normal(size=(3, n)) * 10.0 ** rng.permutation([-5.0, rng.uniform(-5.0, 4.0), 4.0])[:, None]
+    levels = Rows(C, np.full(2, -np.inf), C @ x + 0.1), Rows(A, A @ x, A @ x)
+    solution = hqp.solvers.load("lexicographic").solve(Hierarchy(levels, constraints=1, metric=B.T @ B))
+    assert solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN)
+    missed = np.abs(A @ (solution.x - x)) / np.linalg.norm(A, axis=1)
+    assert missed.max() < 1e-6 * (1.0 + np.linalg.norm(solution.x))

@@ -11,6 +11,7 @@
 #include "metric_root.hpp"
 #include "problem.hpp"
 #include "soft_rows.hpp"
+#include "table.hpp"
 #include "violated.hpp"
 
 namespace hqp {
@@ -73,8 +74,8 @@ class SoftChoice {
   }
 
  private:
-  // Of the longest row: directions that a row sees less of are free of it. Rounding of rows that are products leaves
-  // 1e-12; coefficients of forces are 1e-3 and above.
+  // Of its length, and of kGraded of its level's longest row: a row is free of directions that it sees less of.
+  // Rounding of rows that are products leaves 1e-12; coefficients of forces are 1e-3 and above.
   static constexpr double kSeen = 1e-9;
 
   double* Z(int j) { return &Z_[static_cast<std::size_t>(j) * n_]; }
@@ -138,23 +139,32 @@ class SoftChoice {
 
   // Take out of Z what levels below the constraints, or the motion, see.
   void narrow(const Problem& problem) {
-    double longest = 0.0;
-    const auto all = [&](const auto& call) {
-      for_each(problem, problem.constraints, problem.count, [&](const double* a, double low, double high) {
-        if (low != -INFINITY || high != INFINITY) call(a);
-      });
-      for (int i = 0; i < problem.motion_rows; ++i) call(problem.motion + static_cast<std::ptrdiff_t>(i) * n_);
-    };
-    all([&](const double* a) { longest = larger(longest, dot_any(a, a, n_)); });
-    longest = std::sqrt(longest);
     int seen = 0;
-    all([&](const double* a) {
+    const auto see = [&](const double* a, double longest) {
       if (seen == free_) return;
+      const double least = kSeen * larger(std::sqrt(dot_any(a, a, n_)), Table::kGraded * longest);
       double* s = &seen_[static_cast<std::size_t>(seen) * free_];
       dots_any(a, Z_.data(), n_, free_, n_, s);
-      if (std::sqrt(dot_any(s, s, free_)) <= kSeen * longest) return;
-      if (unit(seen_.data(), seen, free_) > kSeen * longest) ++seen;
-    });
+      if (std::sqrt(dot_any(s, s, free_)) <= least) return;
+      if (unit(seen_.data(), seen, free_) > least) ++seen;
+    };
+    for (int k = problem.constraints; k < problem.count; ++k) {
+      double longest = 0.0;
+      const auto bounded = [&](const auto& call) {
+        for_each(problem, k, k + 1, [&](const double* a, double low, double high) {
+          if (low != -INFINITY || high != INFINITY) call(a);
+        });
+      };
+      bounded([&](const double* a) { longest = larger(longest, dot_any(a, a, n_)); });
+      bounded([&](const double* a) { see(a, std::sqrt(longest)); });
+    }
+    double longest = 0.0;
+    for (int i = 0; i < problem.motion_rows; ++i) {
+      const double* a = problem.motion + static_cast<std::ptrdiff_t>(i) * n_;
+      longest = larger(longest, dot_any(a, a, n_));
+    }
+    for (int i = 0; i < problem.motion_rows; ++i)
+      see(problem.motion + static_cast<std::ptrdiff_t>(i) * n_, std::sqrt(longest));
     if (!seen) return;
     const int rest = free_ - seen;
     for (int found = 0; found < rest; ++found) {  // complete the basis seen_ by the axes furthest from it
