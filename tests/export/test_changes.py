@@ -205,3 +205,23 @@ def test_reset_returns_to_the_first_stack() -> None:
     file.step(robot.home)
     file.reset()
     np.testing.assert_array_equal(first, loop())
+
+
+def resident() -> int:
+    """Memory of this process [pages]."""
+    return int(Path("/proc/self/statm").read_text("ascii").split()[1])
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+def test_changes_leave_no_memory_behind() -> None:
+    robot, stacks, _ = arm()
+    file = Pair(robot, stacks, FORMULATIONS["velocity"]()).file
+    q, v, goal = robot.home, np.zeros(robot.nv), {"hand": robot.state().position("tool0")}
+    used = []
+    for _ in range(3):
+        for k in range(400):
+            file.change(("swapped", "")[k % 2], 3 * DT)
+            for _ in range(5):
+                assert file.step(q, v, goal).status.usable
+        used.append(resident())
+    assert used[2] - used[1] < 20, used
