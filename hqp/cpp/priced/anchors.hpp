@@ -11,6 +11,7 @@
 #include <cmath>
 #include <vector>
 
+#include "../solver/tolerances.hpp"
 #include "coordinates.hpp"
 #include "stages.hpp"
 
@@ -219,7 +220,7 @@ class Motions {
     }
     const double most = *std::max_element(stack_.begin(), stack_.end());
     for (int j = 0; j < n_; ++j) {
-      stack_[j] = stack_[j] > kNone * most ? std::sqrt(stack_[j]) : 0.0;
+      stack_[j] = stack_[j] > kSquareRounding * most ? std::sqrt(stack_[j]) : 0.0;
       if (stack_[j] > 0.0) target_[j] /= stack_[j];
     }
     Coordinates& to = level ? over_ : here_;
@@ -248,8 +249,6 @@ class Motions {
     row_[j] = value;
     return row_.data();
   }
-
-  static constexpr double kNone = 1e-26;  // a square of a weight that is rounding
 
   int n_, r_ = 0, count_ = 0;
   double rounding_ = 0.0;

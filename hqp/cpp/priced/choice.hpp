@@ -14,8 +14,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kUnseen = 1e-10;  // share of a row below which it does not see a direction
-
 class Choice {
  public:
   // n, rows: at most.  Relative to 1 + |bound| a row is at its bound within `activity`, and violated beyond
@@ -78,7 +76,7 @@ class Choice {
     double* b = &a_[bounds_.size() * static_cast<std::size_t>(free_)];
     dots_any(a, Z_.data(), n_, free_, n_, b);
     const double length = std::sqrt(dot_any(a, a, n_)), seen = std::sqrt(dot_any(b, b, free_));
-    if (seen <= kUnseen * length) return;
+    if (seen <= kDirection * length) return;
     const double value = dot_any(a, x_, n_), bound = std::fabs(std::isfinite(low) ? low : high);
     StageRow row;
     row.a = b;
@@ -125,7 +123,7 @@ class Choice {
       const double* a = &root_[static_cast<std::size_t>(i) * n_];
       double* b = &stack_[static_cast<std::size_t>(i) * free_];
       dots_any(a, Z_.data(), n_, free_, n_, b);
-      if (dot_any(b, b, free_) > kUnseen * kUnseen * dot_any(a, a, n_)) {
+      if (dot_any(b, b, free_) > kDirection * kDirection * dot_any(a, a, n_)) {
         target_[i] = -dot_any(a, step_.data(), n_);
         sees = true;
       } else {

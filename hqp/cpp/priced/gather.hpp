@@ -13,9 +13,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this much as motion
-constexpr double kRoundingRow = 2e-15;  // share of the longest row: a row no longer has no direction
-constexpr double kFlatPull = 1e-10;     // largest pull of directions without motion or slacks, by the gradient
+constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
+constexpr double kFlatPull = 1e-10;    // largest pull of directions without motion or slacks, by the gradient
 
 class Gather {
  public:

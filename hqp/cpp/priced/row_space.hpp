@@ -9,12 +9,10 @@
 #include <vector>
 
 #include "../solver/dense.hpp"
+#include "../solver/tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-constexpr double kDependent = 1e-10;  // remaining share of its length that a row needs to add a direction
-constexpr double kUncertain = 1e-6;   // less than this, and more than rounding, is an uncertain direction
 
 class RowSpace {
  public:
@@ -73,7 +71,7 @@ class RowSpace {
     const double square = sum(own), rest = std::sqrt(sum(graded));
     const int p = largest(square_.data(), lanes(N));
     uncertain = uncertain || (rest < kUncertain * size && rest > larger(rounded_ * size, rounding));
-    if (!(rest > larger(kDependent * size, rounding))) return false;
+    if (!(rest > larger(kDirection * size, rounding))) return false;
     const double length = std::sqrt(square);
     r[rank_] = v[p] > 0.0 ? -length : length;
     tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));

@@ -7,15 +7,15 @@
 #include <vector>
 
 #include "../solver/dense.hpp"
+#include "../solver/tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kRotated = 1e-26;  // a square that is rounding, relative to the largest
-constexpr double kShort = 1e-14;    // less than this, and more than rounding, is an uncertain direction
-constexpr int kFew = 5;             // largest number of rotated rows: less than a pose has
-constexpr double kClearOf = 1e-5;   // mu above this fraction of the largest square is clear of rounding
-constexpr double kSquared = 2e-8;   // a step of Newton, relative to mu, that leaves rounding
+constexpr double kShort = 1e-14;   // less than this, and more than rounding, is an uncertain direction
+constexpr int kFew = 5;            // largest number of rotated rows: less than a pose has
+constexpr double kClearOf = 1e-5;  // mu above this fraction of the largest square is clear of rounding
+constexpr double kSquared = 2e-8;  // a step of Newton, relative to mu, that leaves rounding
 
 class Secular {
  public:
@@ -43,7 +43,7 @@ class Secular {
     met_ = true;
     double reach = 0.0;
     for (int i = 0; i < m; ++i) {
-      if (square_[i] <= kRotated * largest) {
+      if (square_[i] <= kSquareRounding * largest) {
         square_[i] = 0.0;
         if (std::abs(e[i]) > 1e-13 * size) met_ = false;
       } else {
@@ -215,7 +215,7 @@ class Secular {
       low = larger(low, std::abs(e_[i]) * price - square_[i]);
       norm += e_[i] * e_[i];
     }
-    double high = price * std::sqrt(norm), mu = larger(low, 1e-300);
+    double high = price * std::sqrt(norm), mu = larger(low, kTiny);
     for (int step = 0; step < 100; ++step) {
       double phi = 0.0, slope = 0.0;
       for (int i = 0; i < m_; ++i) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../solver/deadline.hpp"
+#include "../solver/tolerances.hpp"
 #include "row_space.hpp"
 #include "secular.hpp"
 #include "stage_rows.hpp"
@@ -17,14 +18,9 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kRounding = 4e-15;     // rounding of a value, relative to |a| |x|
-constexpr double kAtBound = 1e-10;      // rows at their bounds, relative to |a| and the bound
-constexpr double kOnFace = 1e-12;       // rows that are not held keep to their bounds
-constexpr double kHeldOnFace = 1e-9;    // and those held, of which some may nearly depend on others
-constexpr double kNoDirection = 1e-13;  // remaining share of a row without a direction on the face
-constexpr double kNoStep = 1e-14;       // a step that is rounding, relative to 1 + |y|
-constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
-constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
+constexpr double kOnFace = 1e-12;     // rows that are not held keep to their bounds
+constexpr double kHeldOnFace = 1e-9;  // and those held, of which some may nearly depend on others
+constexpr double kFar = 1e3;          // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 
 // The objective of a stage beside c/2 |y|^2: rows T (m, ld), with the lengths `size` (m) in x.
 struct Aim {
@@ -403,7 +399,7 @@ class StageSearch {
       double left = 0.0;
       for (int j = 0; j < N_; ++j) left += row[j] * grade[j] * row[j] * grade[j];
       left = std::sqrt(left);
-      if (left <= kNoDirection * goal_.size[i]) std::fill(row, row + N_, 0.0);
+      if (left <= kDependent * goal_.size[i]) std::fill(row, row + N_, 0.0);
       else space_.uncertain = space_.uncertain || left < kUncertain * goal_.size[i];
     }
     secular_.solve(M_.data(), ld_, N_, e_.data(), goal_.m, goal_.price);
@@ -466,7 +462,7 @@ class StageSearch {
     }
     space_.multipliers(part_.data(), lambda_.data());
     int found = -1;
-    double worst = 1e-11 * scale;
+    double worst = kMultiplierSign * scale;
     off_ = 0.0;
     for (std::size_t k = 0; k < set_.size(); ++k) {
       // the gradient must point into the side: lambda <= 0 at upper

@@ -8,6 +8,7 @@
 #include "row_factor.hpp"
 #include "row_sorted_least_squares.hpp"
 #include "table.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -16,9 +17,7 @@ inline namespace HQP_ISA {
 // active rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable,
 // then the table's. All rows count with unit length.
 struct Conditions {
-  static constexpr double kRank = 1e-10;  // a row of unit length adds a fixed direction above this
-  static constexpr double kClear = 1e-6;  // one that leaves less than this is nearly dependent
-  static constexpr double kSlop = 1e-8;   // activity, relative to the row's terms, and largest gap of an optimum
+  static constexpr double kSlop = 1e-8;  // activity, relative to the row's terms, and largest gap of an optimum
 
   enum State : std::int8_t {
     kAhead = 0,
@@ -45,9 +44,9 @@ struct Conditions {
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
   double activity = kSlop;          // tolerance of activity, relative to a row's terms
-  double threshold = kRank;         // a direction counts above this
+  double threshold = kDirection;    // a direction counts above this
   double shortest = 1.0;            // shortest significant direction: its inverse magnifies rounding
-  double closest = kInfinity;       // nearest a direction came to kRank, as a ratio >= 1
+  double closest = kInfinity;       // nearest a direction came to kDirection, as a ratio >= 1
   double faintest = kInfinity;      // least force that counts as holding a level back, relative
   bool twisted = false;             // in coordinates turned by a reflection, where rounding falls otherwise
 
@@ -106,7 +105,7 @@ struct Conditions {
   double allowed() const {
     double forces = 0.0;
     for (int a = 0; a < active; ++a) forces += columns.mu[a];
-    return kSlop + smaller(kTurned, kData * (1.0 / shortest + forces));
+    return kSlop + smaller(kTurned, kRounding * (1.0 / shortest + forces));
   }
 
   // Return the relative remainder of the level's gradient after subtracting the best multipliers of the active rows.
@@ -159,7 +158,7 @@ struct Conditions {
     for (int r = b.begin; r < b.end; ++r) {
       const int i = r - b.begin;
       double& miss = w[i] = t.kind[r] == kFree ? 0.0 : t.beyond(r, v[n + r]);
-      if (std::fabs(miss) <= kData * terms[n + r]) miss = 0.0;  // rounding of its terms
+      if (std::fabs(miss) <= kRounding * terms[n + r]) miss = 0.0;  // rounding of its terms
       sum = larger(sum, terms[n + r]);
       if (miss == 0.0) continue;
       square += miss * miss;
@@ -215,7 +214,7 @@ struct Conditions {
     for (int i = 0; i < count; ++i) projected(kept[i]);
     for (int i = 0; i < count && null_space.freedom(); ++i) {
       const double length = turned(kept[i], base);
-      if (length > kRank) null_space.add(t_, length);
+      if (length > kDirection) null_space.add(t_, length);
     }
     sort_by_length(m);
     const int f = null_space.freedom();
@@ -258,7 +257,6 @@ struct Conditions {
   double slop(int q) const { return activity * (norm(q) + terms[q]); }
 
  private:
-  static constexpr double kData = 4e-15;   // rounding of rows of unit length
   static constexpr double kTurned = 5e-7;  // largest effect on a gap
   static constexpr double kSeen = 1e-7;    // share of a row: a longer direction is one to every solver
   static constexpr double kStill = 1e-12;  // a step of a graded level that is no step, relative to x
@@ -296,7 +294,7 @@ struct Conditions {
 
   void add_column(int q) {
     const double* y = projected(q);
-    if (!(null_space.length(y) > kRank)) return;
+    if (!(null_space.length(y) > kDirection)) return;
     columns.column[active] = y + null_space.rank;
     columns.sign[active] = side[q];
     id[active++] = q;
@@ -311,7 +309,7 @@ struct Conditions {
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
     reduced.solve(m, f, 1e-14 / shortest, more);
-    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kData, kStill, kData / kSlop,
+    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kStill, kRounding / kSlop,
                               y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
     null_space.rank = base;
@@ -330,11 +328,11 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count), f = null_space.freedom();
-    const double reach = f ? reduced.solve(m, f, larger(kSeen, kData / shortest)) : 0.0;
+    const double reach = f ? reduced.solve(m, f, larger(kSeen, kRounding / shortest)) : 0.0;
     null_space.rank = base;
     double most = 0.0;
     for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));
-    const double rounding = (kSlop + smaller(kTurned, kData / shortest)) * b.norm * t.largest(x);
+    const double rounding = (kSlop + smaller(kTurned, kRounding / shortest)) * b.norm * t.largest(x);
     return reach > rounding ? (reach - rounding) / most : 0.0;
   }
 
@@ -415,8 +413,8 @@ struct Conditions {
     factor_.start(rows, null_space.freedom());
     const double left = factorise(rows, null_space.freedom());
     const int rank = factor_.rank;
-    const bool grey = rank && factor_.length(rank - 1) < kClear;
-    if (grey) factor_.find_small(kClear, deadline);
+    const bool grey = rank && factor_.length(rank - 1) < kUncertain;
+    if (grey) factor_.find_small(kUncertain, deadline);
     else if (left > 0.0) decide(left);
     const int clear = grey ? factor_.first : rank;
     int kept = clear;
@@ -438,7 +436,7 @@ struct Conditions {
 
   // Return true if a length is that of a direction, which is fixed then.
   bool decide(double length) {
-    closest = smaller(closest, length > kRank ? length / kRank : kRank / larger(length, 1e-300));
+    closest = smaller(closest, length > kDirection ? length / kDirection : kDirection / larger(length, kTiny));
     if (length > threshold) shortest = smaller(shortest, length);
     return length > threshold;
   }

@@ -17,20 +17,20 @@ class Judge {
 
   explicit Judge(Conditions& conditions) : at_(conditions) {}
 
-  // Return true if the point is optimal under either reading of small multipliers, and of directions near kRank; false
-  // after the deadline.
+  // Return true if the point is optimal under either reading of small multipliers, and of directions near kDirection;
+  // false after the deadline.
   bool judge(const double* point) {
     for (int i = 0; i < at_.n; ++i) at_.x[i] = point[i];
     at_.closest = kInfinity;
     if (at_.table->shortened) at_.unseen.find(*at_.table);
     bool passed = false;
     for (const double reading : {1.0, 1.0 / kEither, kEither}) {
-      at_.threshold = reading * Conditions::kRank;
+      at_.threshold = reading * kDirection;
       passed = pass_twice(kLeastLock) || (!at_.deadline.passed() && pass_twice(kLock));
       reading_ = at_.threshold;
       if (passed || at_.closest > kEither) break;
     }
-    at_.threshold = Conditions::kRank;
+    at_.threshold = kDirection;
     return passed;
   }
 
@@ -40,17 +40,17 @@ class Judge {
     const double found = gap;
     at_.threshold = reading_;
     const bool passed = pass(force);
-    at_.threshold = Conditions::kRank;
+    at_.threshold = kDirection;
     gap = found;
     return !passed && !at_.deadline.passed();
   }
 
  private:
   static constexpr double kWell = 1e-5;    // a verdict with shorter directions than this is ill-conditioned
-  static constexpr double kEither = 10.0;  // a direction this near kRank, as a ratio, may count or not
+  static constexpr double kEither = 10.0;  // a direction this near kDirection, as a ratio, may count or not
   static constexpr double kLock = 1e-5;
   Conditions& at_;
-  double reading_ = Conditions::kRank;  // threshold of the latest verdict
+  double reading_ = kDirection;  // threshold of the latest verdict
 
   // If ill-conditioned, repeat the verdict in coordinates with different rounding.
   bool pass_twice(double lock) {

@@ -3,6 +3,7 @@
 
 #include "judge.hpp"
 #include "level_along_step.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -42,15 +43,13 @@ class LevelSearch {
   }
 
  private:
-  static constexpr int kPasses = 4;         // over all levels
-  static constexpr int kTurns = 400;        // non-negative least squares a level
-  static constexpr int kIdle = 3;           // steps without progress that end a level with a passing gap
-  static constexpr int kLast = 16;          // steps without progress that end any level
-  static constexpr double kGain = 1e-10;    // least progress, relative to ||w_k||
-  static constexpr double kStill = 1e-14;   // of ||w_k||: rounding
-  static constexpr int kSolves = 20;        // times variables and rows, of one search
-  static constexpr double kGoal = 1e-12;    // gap of a level that is not worth lowering
-  static constexpr double kActive = 1e-10;  // activity, relative to the row's terms
+  static constexpr int kPasses = 4;       // over all levels
+  static constexpr int kTurns = 400;      // non-negative least squares a level
+  static constexpr int kIdle = 3;         // steps without progress that end a level with a passing gap
+  static constexpr int kLast = 16;        // steps without progress that end any level
+  static constexpr double kGain = 1e-10;  // least progress, relative to ||w_k||
+  static constexpr int kSolves = 20;      // times variables and rows, of one search
+  static constexpr double kGoal = 1e-12;  // gap of a level that is not worth lowering
   Conditions& at_;
   Judge& judge_;
   int kept_count_ = 0;
@@ -58,7 +57,7 @@ class LevelSearch {
   int* kept_ = nullptr;
 
   bool lower_all() {
-    at_.begin(kActive);
+    at_.begin(kAtBound);
     bool moved = false;
     for (int k = 0; k < at_.table->blocks && at_.null_space.freedom(); ++k) {
       double own = at_.gap_of(k);
@@ -125,7 +124,7 @@ class LevelSearch {
         continue;
       }
       const double here = size_of(k);
-      if ((alpha >= 1.0 && same) || !(here < least * (1.0 - kStill))) return;  // a free step that lowers nothing
+      if ((alpha >= 1.0 && same) || !(here < least * (1.0 - kNoStep))) return;  // a free step that lowers nothing
       least = here;
     }
   }
@@ -211,11 +210,11 @@ class LevelSearch {
     return bottom;
   }
 
-  double margin(int q) const { return 1e-13 * (at_.norm(q) + at_.terms[q]); }
+  double margin(int q) const { return kOnRow * (at_.norm(q) + at_.terms[q]); }
 
   // Return true if d takes an open row that is not kept nearer to one of its bounds.
   bool towards(int q, double length) const {
-    if (at_.state[q] != Conditions::kOpen || !(std::fabs(dv_[q]) > 1e-13 * at_.norm(q) * length)) return false;
+    if (at_.state[q] != Conditions::kOpen || !(std::fabs(dv_[q]) > kOnRow * at_.norm(q) * length)) return false;
     if (!(std::fabs(dv_[q] > 0.0 ? at_.upper(q) : at_.lower(q)) < kInfinity)) return false;
     for (int i = 0; i < kept_count_; ++i)
       if (kept_[i] == q) return false;

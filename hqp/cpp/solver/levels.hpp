@@ -3,6 +3,7 @@
 
 #include "gram.hpp"
 #include "pivoting.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -11,9 +12,8 @@ class Levels {
  public:
   explicit Levels(Tableau& tableau) : t_(tableau), pivoting_(tableau), gram_(tableau) {}
 
-  static constexpr double kBias = 3.0;    // bias of pivots towards variables outside the last selection
-  static constexpr double kSound = 1e-6;  // pivots of a reduction are no shorter, relative to the level's longest row
-  static constexpr int kWorth = 6;        // a reduction eliminates at least 1/kWorth of the variables
+  static constexpr double kBias = 3.0;  // bias of pivots towards variables outside the last selection
+  static constexpr int kWorth = 6;      // a reduction eliminates at least 1/kWorth of the variables
 
   // Solve for the working set: W marks rows of the table, F variables held at a bound.
   void factorise(const std::int8_t* W, const std::int8_t* F) {
@@ -48,7 +48,7 @@ class Levels {
     pivoting_.form(0, whole.kind);
     for (int i = 0; i < t_.n; ++i)
       if (whole.bounded(i)) t_.preference[i] = 0.0;
-    pivoting_.reflect_all(0, kSound * b.norm);
+    pivoting_.reflect_all(0, kUncertain * b.norm);
     choose_bias();
     if (kWorth * s.rank < t_.n) return false;
     pivoting_.eliminate(0);

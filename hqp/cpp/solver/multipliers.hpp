@@ -2,6 +2,7 @@
 #pragma once
 
 #include "gram.hpp"
+#include "tolerances.hpp"
 #include "working_set.hpp"
 
 namespace hqp {
@@ -10,7 +11,7 @@ inline namespace HQP_ISA {
 struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
-  double tolerance = 1e-11;
+  double tolerance = kMultiplierSign;
   double* g = nullptr;       // (n,) gradient
   double* w = nullptr;       // (rows,) slack of the working rows
   double* lambda = nullptr;  // (rows,)

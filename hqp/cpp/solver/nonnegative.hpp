@@ -4,6 +4,7 @@
 #include "arena.hpp"
 #include "deadline.hpp"
 #include "dense.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -151,7 +152,7 @@ class NonnegativeLeastSquares {
       int worst = -1;
       for (int i = 0; i < chosen_; ++i) {
         if (aim_[i] > 0.0) continue;
-        const double here = mu[order_[i]], part = here / larger(here - aim_[i], 1e-300);
+        const double here = mu[order_[i]], part = here / larger(here - aim_[i], kTiny);
         if (worst < 0 || part < step) {
           step = smaller(part, 1.0);
           worst = i;

@@ -2,11 +2,10 @@
 #pragma once
 
 #include "dense.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-constexpr double kDiffer = 1e-8;  // norms nearer than this, relative to 1 + the smaller, are the same
 
 // Compare two points with norms a(k) and b(k) of level k: -1 where the first is better, 1 where the second is, 0 for
 // neither.
@@ -14,7 +13,7 @@ template <class A, class B>
 int lexicographic_order(int levels, const A& a, const B& b) {
   for (int k = 0; k < levels; ++k) {
     const double first = a(k), second = b(k);
-    if (!(std::fabs(first - second) <= kDiffer * (1.0 + smaller(first, second)))) return first < second ? -1 : 1;
+    if (!(std::fabs(first - second) <= kViolated * (1.0 + smaller(first, second)))) return first < second ? -1 : 1;
   }
   return 0;
 }

@@ -3,6 +3,7 @@
 
 #include "deadline.hpp"
 #include "null_space.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -13,8 +14,6 @@ inline namespace HQP_ISA {
 // values then, and direction j is the sum that row j has become. Without a gap all rows are rotated.
 class RowFactor {
  public:
-  static constexpr double kRounding = 1e-13;  // rows of unit length of which no more is left are dependent
-
   int rank = 0;
   int first = 0;  // rows of R from here on are short
 
@@ -70,7 +69,7 @@ class RowFactor {
         square += t * t;
       }
       left = std::sqrt(square);
-      if (!(left > kRounding)) return left;
+      if (!(left > kDependent)) return left;
       const double pivot = y_[base + rank] >= 0.0 ? -left : left;
       null.add(y_, left);
       reflect(row(rank), wide_, null.reflection(base + rank), freedom_ - rank, null.factor(base + rank), width_, size_,
@@ -172,7 +171,7 @@ class RowFactor {
     double *a = row(i), *b = row(j);
     const double aa = dot(a, a, width_), bb = dot(b, b, width_), ab = dot(a, b, width_);
     // rows of nothing but rounding are orthogonal to none
-    if (!(std::fabs(ab) > 1e-14 * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kRounding * kRounding)
+    if (!(std::fabs(ab) > 1e-14 * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kDependent * kDependent)
       return false;
     const double zeta = (bb - aa) / (2.0 * ab);
     const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));

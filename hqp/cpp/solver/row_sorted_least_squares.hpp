@@ -3,6 +3,7 @@
 
 #include "arena.hpp"
 #include "dense.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -33,9 +34,9 @@ class RowSortedLeastSquares {
   }
 
   // min || B z - rhs || over m rows, f columns; `more` columns after them are reflected along. A row of which less than
-  // kFlat, or than `least`, is left adds no direction. Returns the length of the part of rhs that B z removes.
+  // kSeen, or than `least`, is left adds no direction. Returns the length of the part of rhs that B z removes.
   double solve(int m, int f, double least, int more = 0) {
-    const double flat = larger(kFlat, least);
+    const double flat = larger(kSeen, least);
     for (int j = 0; j < f; ++j) column_[j] = j;
     int rank = 0;
     double reach = 0.0;
@@ -79,7 +80,6 @@ class RowSortedLeastSquares {
   }
 
  private:
-  static constexpr double kFlat = 1e-9;
   int wide_ = 0, rank_ = 0;
   double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr;
   int* column_ = nullptr;

@@ -74,10 +74,6 @@ class SoftChoice {
   }
 
  private:
-  // Of its length, and of kGraded of its level's longest row: a row is free of directions that it sees less of.
-  // Rounding of rows that are products leaves 1e-12; coefficients of forces are 1e-3 and above.
-  static constexpr double kSeen = 1e-9;
-
   double* Z(int j) { return &Z_[static_cast<std::size_t>(j) * n_]; }
 
   // Call with every row a (n) of levels from..to and its bounds.
@@ -137,7 +133,8 @@ class SoftChoice {
     return length;
   }
 
-  // Take out of Z what levels below the constraints, or the motion, see.
+  // Take out of Z what levels below the constraints, or the motion, see: kSeen of a row's length, and of kGraded of its
+  // level's longest row. Rounding of rows that are products leaves 1e-12; coefficients of forces are 1e-3 and above.
   void narrow(const Problem& problem) {
     int seen = 0;
     const auto see = [&](const double* a, double longest) {

@@ -3,6 +3,7 @@
 
 #include "level_along_step.hpp"
 #include "search_state.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -63,7 +64,7 @@ class Step {
     set_.changes.start();
     if (obstacle.variable >= 0)
       for (int i = 0; i < n; ++i)  // obstacles at equal length together
-        if (!(reach_[i] > length + kTie)) {
+        if (!(reach_[i] > length + kNoStep)) {
           x[i] = dx_[i] > 0 ? table_.hi[i] : table_.lo[i];
           set_.hold(table_, i, dx_[i] > 0 ? kUpper : kLower);
         }
@@ -72,7 +73,6 @@ class Step {
   }
 
  private:
-  static constexpr double kTie = 1e-14;                     // lengths of steps nearer than this are equal
   static constexpr double kLengths[] = {0.2, 0.04, 0.008};  // parts of a step that are tried clipped
 
   struct Obstacle {  // end of the step, and the blocking row or variable, -1 if there is none

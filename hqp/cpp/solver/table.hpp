@@ -5,6 +5,7 @@
 #include "dense.hpp"
 #include "metric_root.hpp"
 #include "problem.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -52,7 +53,7 @@ struct Table {
   std::int64_t* single_index = nullptr;  // (caller's rows,) dense levels with one entry a row, as selections
   double* single_scale = nullptr;
   double* scratch = nullptr;
-  double tolerance = 1e-11;  // tolerance of feasibility, relative to a row's terms
+  double tolerance = kMet;  // tolerance of feasibility, relative to a row's terms
 
   void layout(Arena& arena, int n_, int levels, const int* m, bool metric) {
     n = n_;
@@ -210,7 +211,7 @@ struct Table {
     for (int k = 0; k < blocks; ++k) most = larger(most, block[k].norm);
     for (int k = 0; k < blocks; ++k) {
       Block& b = block[k];
-      b.rounding = 2e-15 * most;
+      b.rounding = kRoundingRow * most;
       b.graded = false;
       const double usual = larger(1e-3 * b.norm, b.rounding);
       for (int r = b.begin; r < b.end; ++r) {

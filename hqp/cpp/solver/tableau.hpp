@@ -3,6 +3,7 @@
 
 #include "changes.hpp"
 #include "reduction.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -184,7 +185,7 @@ struct Tableau {
   }
 
   void note_pivot(double length, double floor) {
-    const double ratio = length > floor ? length / floor : floor / larger(length, 1e-300);
+    const double ratio = length > floor ? length / floor : floor / larger(length, kTiny);
     closest = smaller(closest, ratio);
   }
 

@@ -4,11 +4,10 @@
 #include <cmath>
 #include <cstddef>
 
+#include "tolerances.hpp"
+
 namespace hqp {
 inline namespace HQP_ISA {
-
-constexpr double kViolated = 1e-8;  // share of 1 + |bound|
-constexpr double kMet = 1e-11;      // share of a row's length times |x|: a solve meets rows to no less
 
 // Return true if row i of a level, w off its bounds at x (n), is violated; allowed: by how much it may be off besides.
 template <class Level>
