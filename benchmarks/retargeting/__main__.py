@@ -1,4 +1,5 @@
-"""python -m benchmarks.retargeting --climbs WHEEL --bvh FOLDER [--robots g1 talos cbi] [--physics] [-o TABLE.md]"""
+"""python -m benchmarks.retargeting --climbs WHEEL --bvh FOLDER [--kinds] [--robots g1 talos cbi] [-o TABLE.md]
+[--physics] [--carried] [--only CLIP ...]"""
 
 from __future__ import annotations
 
@@ -11,14 +12,17 @@ from typing import Any
 
 import hqp
 from benchmarks.retargeting.clips import boxes, bvh_files, climbs
+from benchmarks.retargeting.kinds import kinds
 from hqp.markdown import table
 from hqp.motion import Motion
 from hqp.motion.anchored import solved
 from hqp.motion.body import Body
 from hqp.motion.contacts import NAMES
+from hqp.motion.dynamics import carried
 from hqp.motion.joints import SIDES, parts_of
 from hqp.motion.measures import measure
 from hqp.motion.retargeting import LEAST_RATE
+from hqp.motion.schedule import grounded, schedule_of
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.smoothing import smoothed
 from hqp.motion.stacks import Stacks
@@ -33,6 +37,15 @@ HEADER = (
 FATES = ("robot", "clip", "seconds", "solved by", "falls after s", "ZMP off the soles %", "usable ticks %")
 
 
+CARRIED = (
+    "robot", "clip", "seconds", "today falls after s", "planned falls after s", "5 drawn runs carried",
+    "ZMP off the soles %", "hands p99 mm", "CoM moved mm", "links off, today mm", "links off, planned mm",
+)  # fmt: skip
+
+DRAWN = 5
+"""Number of drawn runs of a clip: masses 10 % up or down and a push of 0.1 m/s."""
+
+
 def main() -> int:
     """Run the clips on the robots and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -41,16 +54,22 @@ def main() -> int:
     parser.add_argument("--robots", nargs="+", default=["g1"])
     parser.add_argument("--no-rival", action="store_true", help="hqp alone")
     parser.add_argument("--physics", action="store_true", help="how long a torque controller tracks them in MuJoCo")
+    parser.add_argument("--kinds", action="store_true", help="generated clips of six kinds")
+    parser.add_argument("--carried", action="store_true", help="with dynamics, tracked in MuJoCo, also disturbed")
+    parser.add_argument("--only", nargs="+", metavar="CLIP", help="names of clips; default: all")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the table there")
     arguments = parser.parse_args()
     rows = []
     for name in arguments.robots:
         for clip, motion in _clips(arguments):
-            for row in _rows(name, clip, motion, not arguments.no_rival, arguments.physics):
+            if arguments.only and clip not in arguments.only:
+                continue
+            rival, physics = not arguments.no_rival, arguments.physics
+            for row in _carried(name, clip, motion) if arguments.carried else _rows(name, clip, motion, rival, physics):
                 rows.append(row)
                 print(" | ".join(row), flush=True)
     if arguments.output:
-        header = FATES if arguments.physics else HEADER
+        header = CARRIED if arguments.carried else FATES if arguments.physics else HEADER
         arguments.output.write_text(table(header, rows) + "\n", encoding="utf-8")
     return 0
 
@@ -61,6 +80,8 @@ def _clips(arguments: Any) -> Iterator[tuple[str, Motion]]:
         yield from boxes(arguments.climbs)
     if arguments.bvh:
         yield from bvh_files(arguments.bvh)
+    if arguments.kinds:
+        yield from kinds(0)
 
 
 def _rows(name: str, clip: str, motion: Motion, rival: bool, physics: bool) -> Iterator[tuple[str, ...]]:
@@ -97,6 +118,35 @@ def _fate(name: str, clip: str, who: str, targets: Targets, q: Any) -> tuple[str
 
     f = fate(hqp.robots.load(name, rotors=True), targets, q)
     return name, clip, f"{f.of:.1f}", who, f"{f.seconds:.1f}", f"{100 * f.beyond:.0f}", f"{100 * f.usable:.0f}"
+
+
+def _carried(name: str, clip: str, motion: Motion) -> Iterator[tuple[str, ...]]:
+    """Without dynamics by the controller of ``--physics``, and with them, undisturbed and drawn."""
+    from benchmarks.retargeting.carried import Disturbance, carry
+    from benchmarks.retargeting.physics import fate
+
+    robot = hqp.robots.load(name)
+    found = find_map(None, robot)
+    body = Body.of(robot, found)
+    motion = motion.smoothed().at_rate(motion.fps * math.ceil(LEAST_RATE / motion.fps))
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps), targets)
+    today = fate(hqp.robots.load(name, rotors=True), targets, smoothed(tracker, solved(tracker)).q)
+    schedule = schedule_of(targets, body)
+    targets = grounded(targets, body, schedule)
+    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps, flat=True), targets)
+    passed, plan = carried(tracker, smoothed(tracker, solved(tracker)), schedule)
+    drawn = [Disturbance(), *(Disturbance.drawn(seed, today.of) for seed in range(1, DRAWN + 1))]
+    fates = [carry(hqp.robots.load(name, rotors=True), targets, passed.q, plan, each) for each in drawn]
+    whole = sum(f.seconds >= f.of for f in fates[1:])
+    out, hands = (
+        f"{scale * a:.0f} -> {scale * b:.0f}" for scale, (a, b) in ((1e2, plan.zmp_outside), (1e3, plan.hands_p99))
+    )
+    yield (
+        name, clip, f"{today.of:.1f}", *("-" if f.seconds >= f.of else f"{f.seconds:.1f}" for f in (today, fates[0])),
+        f"{whole} of {DRAWN}", out, hands, f"{1e3 * plan.shift.max():.0f}", f"{1e3 * today.body:.0f}",
+        f"{1e3 * fates[0].body:.0f}",
+    )  # fmt: skip
 
 
 def _row(name: str, clip: str, who: str, tracker: Tracker, q: Any, spent: float) -> tuple[str, ...]:

@@ -38,6 +38,9 @@ RAISED = 0.02
 PLATE = 0.15, 0.12, 0.01
 """Half its length, width and thickness [m]."""
 
+EACH = 10
+"""Ticks between two comparisons of the links with the reference's."""
+
 SINK = 0.2
 """Downward speed of a foot that should stand but bears no load [m/s]."""
 
@@ -47,12 +50,14 @@ class Fate:
     """Outcome of a clip: time until the fall and its length [s]; share of ticks with a usable command.
 
     beyond: share of the clip's frames with a foot on the ground whose ZMP is more than ``OUTSIDE`` off the soles.
+    body: mean distance of the links from the reference's until then [m].
     """
 
     seconds: float
     of: float
     usable: float
     beyond: float
+    body: float
 
 
 def plates(targets: Targets) -> list[Any]:
@@ -63,6 +68,27 @@ def plates(targets: Targets) -> list[Any]:
         for first, last in runs(targets.contacts.resting[f"{side}_foot"]):
             if ground[first] > RAISED:
                 found.append((*np.median(place[first:last, :2], axis=0), np.median(place[first:last, 2])))
+    return found
+
+
+def _neighbours(spec: Any) -> list[tuple[str, str]]:
+    """Links at most two joints apart: convex hulls of their meshes overlap where the links themselves do not."""
+    fixed: dict[str, str] = {}  # each body's link: bodies without a joint belong to their parent's
+    above: dict[str, str] = {}
+    for body in spec.bodies:
+        if body.name == "world":
+            continue
+        over = body.parent.name
+        fixed[body.name] = body.name if len(list(body.joints)) or over == "world" else fixed[over]
+        if fixed[body.name] == body.name and over in fixed:
+            above[body.name] = fixed[over]
+    found = []
+    for one in fixed:
+        for other in fixed:
+            a, b = fixed[one], fixed[other]
+            near = {a, above.get(a), above.get(above.get(a, ""))}
+            if one < other and (b in near or a in {b, above.get(b), above.get(above.get(b, ""))}):
+                found.append((one, other))
     return found
 
 
@@ -99,11 +125,15 @@ class Tracking:
         self.down = [True, True]
         self.late = [0.0, 0.0]
         self.share, self.phase = 0.5, BOTH
+        self.off: list[float] = []
 
     def _furnish(self, spec: Any) -> None:
         for x, y, z in plates(self.targets):
             place, friction = (x, y, z - PLATE[2]), (FRICTION, 0.005, 0.0001)
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, friction=friction)
+
+        for one, other in _neighbours(spec):
+            spec.add_exclude(bodyname1=one, bodyname2=other)
 
     def run(self) -> Fate:
         """Simulate to the end of the clip or to the fall."""
@@ -117,7 +147,19 @@ class Tracking:
             tick = self._tick(i, self.plant.time - i / self.fps)
             usable, ticks = usable + tick.status.usable, ticks + 1
             self.plant.step(np.clip(tick.command, -self._limit, self._limit), steps=steps)
-        return Fate(self.plant.time, end, usable / max(ticks, 1), self._beyond())
+        return Fate(self.plant.time, end, usable / max(ticks, 1), self._beyond(), self._body())
+
+    def _body(self) -> float:
+        return float(np.mean(self.off)) if self.off else math.nan
+
+    def _compare(self, state: Any, told: Any, moved: Any = 0.0) -> None:
+        """Note how far the links are from the reference's."""
+        if round(self.plant.time / DT) % EACH == 0:
+            places = []
+            for at in (state, told):
+                at.kinematics()
+                places.append(np.array([p.copy() for *_, (p, _) in at.robot.bodies[1:]]))
+            self.off.append(float(np.linalg.norm(places[0] - places[1] - moved, axis=1).mean()))
 
     def _beyond(self) -> float:
         """Share of frames whose ZMP lies outside the feet on the ground."""
@@ -145,6 +187,7 @@ class Tracking:
         reading = self.plant.measure()
         state = self.robot.state(reading.q, reading.v)
         told = self.clip.state(self.robot.integrate(self.q[i], self.v[i], since), self.v[i])
+        self._compare(state, told)
         self._stand(i, reading.contacts.load)
         stacks = self.stacks
         com, rate, push = (x[i] + since * self.fps * (x[i + 1] - x[i]) for x in (self.com, self.rate, self.push))

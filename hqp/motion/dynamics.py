@@ -11,7 +11,6 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.tasks.polygons import shrunk
 from hqp.tasks.support_polygon import hull
 
 from .body import Body
@@ -28,8 +27,8 @@ from .tracker import Pass, Tracker
 NODES = 60.0
 """Nodes of the plan per second, at least."""
 
-MARGIN, SHARE = 0.02, 0.5
-"""Margin of the planned ZMP to the edge of a sole [m], and its limit as a share of the sole's half width."""
+SHARE = 0.5
+"""Margin of the planned ZMP to the edge of a sole, as a share of the way to its middle: the rest is for feedback."""
 
 BENT = 0.35
 """Least bend of the knee of a standing leg [rad]: a straight one neither lifts a foot nor moves the CoM."""
@@ -38,7 +37,7 @@ PLANS = 3
 """Number of plans, each with the height that the legs reach under the one before."""
 
 ROUNDS = 2
-"""Number of passes, each planned with the angular momentum of the one before."""
+"""Number of passes, each planned with the angular momentum of the one before, and led by its joints below 6 Hz."""
 
 OUTSIDE = 0.01
 """Distance of a ZMP from the soles beyond which a frame counts as outside [m]."""
@@ -101,21 +100,21 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     times = np.minimum(np.arange(len(q)) / fps, (len(legs) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
-    def once(start: Vec, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
+    def once(before: Mat, height: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
         plan, highest = None, np.full(len(legs), np.inf)
         for _ in range(PLANS):
             plan = centroidal_plan(own[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
             highest = _reached(stacks.body, own[nodes], plan.com, legs, stands[nodes])
         assert plan is not None
         com, rate, push = plan.at(times, dt)
-        tracker.carries = CarriedCourse(tracker, q, com, (com - own)[:, 2] * _in_flight(schedule))
-        settled = tracker.settle(start, 0, tracker.carries)
+        tracker.carries = CarriedCourse(tracker, before, com, (com[:, 2] - height) * _in_flight(schedule))
+        settled = tracker.settle(before[0], 0, tracker.carries)
         again = tracker.run(settled, np.zeros(robot.nv), 0, len(q) - 1, tracker.carries)
         return again, (com, rate, push), plan.zmp[np.minimum(np.rint(times / dt).astype(int), len(plan.zmp) - 1)]
 
-    again, (com, rate, push), zmp = once(q[0], spin)
+    again, (com, rate, push), zmp = once(q, own[:, 2], spin)
     for _ in range(1, ROUNDS):
-        again, (com, rate, push), zmp = once(again.q[0], centroidal(robot, again.q, fps)[1])
+        again, (com, rate, push), zmp = once(again.q, com[:, 2], centroidal(robot, again.q, fps)[1])
     reached, _ = centroidal(robot, again.q, fps)
     before, after = (share_outside(zmp_outside(tracker, each.q, stands)) for each in (found, again))
     hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)
@@ -165,9 +164,8 @@ def supports_of(tracker: Tracker, q: Mat, stands: Mask, *, margin: bool) -> list
 
 def _corners(body: Body, side: str, margin: bool) -> Mat:
     outline = body.soles[side]
-    half = 0.5 * np.ptp(outline[:, :2], axis=0)
-    inside = min(MARGIN, SHARE * float(half.min())) if margin else 0.0
-    return np.column_stack((np.array(shrunk([(x, y) for x, y, _ in outline.tolist()], inside)), outline[:, 2]))
+    middle = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
+    return np.asarray(middle + (1.0 - SHARE if margin else 1.0) * (outline - middle))
 
 
 def _support(points: Mat) -> Support:

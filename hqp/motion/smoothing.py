@@ -8,6 +8,7 @@ import numpy as np
 
 from hqp.arrays import Mat
 from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot
 from hqp.tasks import Orientation
 
 from .clip import EDGE, low_pass
@@ -49,7 +50,7 @@ class Course:
             state = robot.state(at)
             for side, heights in self._heights.items():
                 heights[i] = [stacks.down(side, end).value(state)[2] for end in (1, -1)]
-        for i, at in enumerate(_filtered(tracker, q)):
+        for i, at in enumerate(filtered(robot, q, fps)):
             state = robot.state(at)
             base[i] = stacks.base.value(state)
             joints[i] = stacks.joints.value(state)
@@ -74,9 +75,8 @@ class Course:
         return {name: Reference(name, x[i], u[i]) for name, (x, u) in self._motion.items()}
 
 
-def _filtered(tracker: Tracker, q: Mat) -> Mat:
+def filtered(robot: Robot, q: Mat, fps: float) -> Mat:
     """Configurations ``(T, nq)`` below ``LIVELY``."""
-    robot, fps = tracker.robot, tracker.targets.fps
     signs = np.cumprod(np.concatenate(([1.0], np.where(np.sum(q[1:, 3:7] * q[:-1, 3:7], axis=1) < 0.0, -1.0, 1.0))))
     turned = low_pass(q[:, 3:7] * signs[:, None], LIVELY, fps)
     angles: Any = np.unwrap(np.array([robot.state(at).angles for at in q]), axis=0)

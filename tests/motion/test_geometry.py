@@ -28,7 +28,7 @@ from hqp.motion.measures import LEVEL, Measures, _slide, measure, segments
 from hqp.motion.person import joints_of, leg_of, remarks, up_axis
 from hqp.motion.retargeting import _at_rate
 from hqp.motion.skeleton_map import find_map
-from hqp.motion.smoothing import Course, _filtered
+from hqp.motion.smoothing import Course, filtered
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import (
     FLAT,
@@ -699,7 +699,7 @@ def test_the_last_pass_asks_for_the_low_passed_motion() -> None:
     way[:, column], way[:, 0], way[:, 5] = 0.3 * np.sin(3.0 * times), 0.2 * times, 0.5 * times
     q = np.array([robot.integrate(robot.home, step, 1.0) for step in way])
     q[n // 2 :, 3:7] *= -1.0  # the other sign of the same rotation
-    found = _filtered(track, q)
+    found = filtered(track.robot, q, track.targets.fps)
     np.testing.assert_allclose(np.linalg.norm(found[:, 3:7], axis=1), 1.0, atol=1e-12)
     smooth_way = low_pass(way[:, column : column + 1], 6.0, fps)[:, 0]
     angles = np.array([robot.state(each).angles[column] for each in found])
