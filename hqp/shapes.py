@@ -28,6 +28,41 @@ class LinkCapsule(NamedTuple):
     radius: float
     fitted: bool = False
 
+    @property
+    def link(self) -> str:
+        """The link: several capsules of one are numbered after a slash."""
+        link, _, number = self.name.rpartition("/")
+        return link if link and number.isdigit() else self.name
+
+
+class LinkHull(NamedTuple):
+    """The convex hull of a shape of a link: corners in the axes of its body [m], triangles, radius that rounds it [m].
+
+    It stands in for the capsules of the link in a pair that these cannot keep apart.
+    """
+
+    name: str
+    body: int
+    corners: tuple[tuple[float, float, float], ...]
+    triangles: tuple[tuple[int, int, int], ...]
+    rounding: float
+
+    @property
+    def a(self) -> tuple[float, float, float]:
+        """Centre of a ball around it, as one end of a capsule without length [m]."""
+        x, y, z = (0.5 * (min(own) + max(own)) for own in zip(*self.corners, strict=True))
+        return x, y, z
+
+    @property
+    def b(self) -> tuple[float, float, float]:
+        """The other end."""
+        return self.a
+
+    @property
+    def radius(self) -> float:
+        """Radius of the ball around it [m]."""
+        return max(math.dist(self.a, corner) for corner in self.corners) + self.rounding
+
 
 class Shape(NamedTuple):
     """A shape of the world, plain data: kind, name, size [m], and its pose: position [m], roll, pitch, yaw [rad].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,7 +20,7 @@ from . import collision_world
 from .collision_motion import FORESIGHT, STEP, Motions, moving
 from .collision_rows import Near
 from .collision_scene import scene
-from .fields import check_number
+from .fields import check_number, set_names
 
 HELD = 0.5
 """Share of the rate at which pairs inside are let go while a deeper one comes out."""
@@ -47,9 +47,11 @@ class CollisionAvoidance(Inequality):
 
     pairs: ``"auto"``, all links that may touch by accident (``may_touch``), without those that the SRDF of the robot's
     URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
-    another SRDF; ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
-    clearance [m]: for two links at most 0.8 of their distance at home; capsules that overlap there may overlap
-    by 1 mm more.  influence [m]: largest d at which a slow pair
+    another SRDF; ``"world"``, links against the world only.  joints: these or groups must carry a link of each pair;
+    None for all pairs.  world: shapes of ``hqp.shapes``, which ``at`` moves.
+    clearance [m]: for two links at most 0.8 of their distance at home.  If capsules fitted to two links overlap there,
+    the convex hulls of the shapes of one of them take their place; if these overlap too, capsules may overlap by 1 mm
+    more than at home.  influence [m]: largest d at which a slow pair
     has a row, above the clearance.  rate [1/s].  braking [m/s^2]: deceleration of a distance that links can provide.
     recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
     in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while
@@ -63,6 +65,7 @@ class CollisionAvoidance(Inequality):
     steered: ClassVar[bool] = True
 
     pairs: Any = "auto"
+    joints: str | Sequence[str] | None = None
     world: tuple[shapes.Shape, ...] = ()
     clearance: float = 0.01
     influence: float = 0.1
@@ -80,6 +83,7 @@ class CollisionAvoidance(Inequality):
         object.__setattr__(self, "world", tuple(shapes.checked(s) for s in self.world))
         if not isinstance(self.pairs, str):
             object.__setattr__(self, "pairs", self._checked_pairs())
+        set_names(self, "joints")
         super().__post_init__()
         names = [s.name for s in self.world]
         if len(set(names)) < len(names):
@@ -112,9 +116,15 @@ class CollisionAvoidance(Inequality):
         return len(scene(self, robot).slots)
 
     def remark(self, robot: Robot) -> str:
-        """The pairs whose capsules overlap at home, with their depth."""
-        pairs = ", ".join(scene(self, robot).overlapping)
-        return pairs and f"{self.name}: capsules of {robot.name} overlap at home, kept as far apart as there: {pairs}"
+        """Pairs whose capsules overlap at home, with their depth, and links that may touch without a row."""
+        own, texts = scene(self, robot), []
+        if own.overlapping:
+            pairs = ", ".join(own.overlapping)
+            texts.append(f"capsules of {robot.name} overlap at home, kept as far apart as there: {pairs}")
+        if own.unseparated:
+            pairs = ", ".join(own.unseparated)
+            texts.append(f"links of {robot.name} may touch, since no fitted shapes keep them apart: {pairs}")
+        return f"{self.name}: {'; '.join(texts)}" if texts else ""
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The pairs that have the rows now, such as "left_elbow - torso"; "free" for a slot without one."""

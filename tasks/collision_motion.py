@@ -110,7 +110,9 @@ class Motions:
         return np.asarray(_at(A, p) + cross(V[3:], _at(V, p)))
 
     def _moved(self, k: int, h: float) -> tuple[Vec, Vec]:
-        V, (a, b) = self._velocity[k], self._own.ends(k)
+        V, (a, b) = self._velocity[k], self._own.placed(k)
+        if self._own.is_hull(k):  # position and rotation
+            return a + h * _at(V, a), b + h * cross(V[3:], b.T).T
         return a + h * _at(V, a), b + h * _at(V, b)
 
     def _world(self, h: float) -> Mat:

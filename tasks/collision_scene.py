@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot, State
-from hqp.shapes import Shape
+from hqp.shapes import LinkHull, Shape
 
 from . import distances
 from .collision_motion import FORESIGHT, Motions
 from .collision_pairs import SHORT, candidates
 from .collision_rows import Near, assign
+from .polytopes import polytope, to_polytope
 from .touching import kept
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ MOST = 64
 """Slots by default beside those of rows that are near at home, if there are more pairs."""
 Tables: TypeAlias = tuple[
     tuple[tuple[int, tuple[float, ...], float], ...],
+    tuple[tuple[int, float, tuple[float, ...], tuple[int, ...]], ...],
     tuple[tuple[int, tuple[float, ...]], ...],
     tuple[str, ...],
     tuple[tuple[int, ...], ...],
@@ -48,7 +50,7 @@ def scene(element: CollisionAvoidance, robot: Robot) -> Scene:
 
 
 class Scene:
-    """Shapes (capsules of links, then the world's), pairs of them ``(n, 2)`` with clearances, and slots.
+    """Shapes (capsules and hulls of links, then the world's), pairs of them ``(n, 2)`` with clearances, and slots.
 
     slots ``(m,)`` holds the number of the pair or end in each row, -1 for none; the native operation writes it too.
     The number is n for a pair, or, with N pairs, n + k N for an end of its capsules, k = 1 and 2 of the first, 3 and 4
@@ -59,7 +61,10 @@ class Scene:
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
         self._robot: Robot = proxy(robot)  # the robot holds the scene, not the other way round
         self._element = element
-        self.capsules, self.pairs = candidates(element, robot, element.world, element.pairs, element.clearance)
+        self.capsules, self.pairs, self.unseparated = candidates(
+            element, robot, element.world, element.pairs, element.clearance, element.joints
+        )
+        self._hulls = {k: polytope(c) for k, c in enumerate(self.capsules) if isinstance(c, LinkHull)}
         self.world: tuple[Shape, ...] = element.world
         self.links = len(self.capsules)
         if any(shape.is_mesh for shape in self.world):
@@ -79,7 +84,7 @@ class Scene:
         for k, (one, two) in enumerate(self.pairs):
             clearance = element.clearance
             if two < self.links:
-                d = self.measure(k, declared, self._ends(one, home), self._ends(two, home))[0]
+                d = self.measure(k, declared, self._ends(one, home), self.placed(two, home))[0]
                 clearance = kept(clearance, d)
                 if d <= 0.0:
                     overlapping.append((d, f"{self.name(one)} - {self.name(two)} ({-1e3 * d:.1f} mm)"))
@@ -97,7 +102,7 @@ class Scene:
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}
         self._sizes = np.array([0.5 * math.dist(c.a, c.b) + c.radius for c in self.capsules])
         self._pairs = np.array(found)
-        at_home = self._near([self._ends(k, home) for k in range(self.links)], declared, None)
+        at_home = self._near(home, declared, None)
         self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST + len(at_home), most), -1, dtype=np.int32)
 
     def body(self, k: int) -> int:
@@ -122,20 +127,30 @@ class Scene:
         none = np.zeros(self._robot.nv)
         return self._columns.get(two, none) - self._columns.get(one, none)
 
-    def ends(self, k: int) -> tuple[Vec, Vec]:
-        """Ends of a link's capsule in the world [m], as of the current state."""
-        return self._ends(k, self._robot.bodies)
-
     def _ends(self, k: int, bodies: Any) -> tuple[Vec, Vec]:
         position, rotation = bodies[self.capsules[k].body][5]
         a, b = self._local[k]
         return position + rotation @ a, position + rotation @ b
 
+    def is_hull(self, k: int) -> bool:
+        """Return true for the hull of a link."""
+        return k in self._hulls
+
+    def placed(self, k: int, bodies: Any = None) -> tuple[Vec, Mat]:
+        """Ends of a link's capsule in the world [m], or position and rotation of a hull, as of the current state."""
+        bodies = self._robot.bodies if bodies is None else bodies
+        if not self.is_hull(k):
+            return self._ends(k, bodies)
+        position, rotation = bodies[self.capsules[k].body][5]
+        return position, rotation
+
     def measure(self, pair: int, poses: Mat, one: Any, two: Any) -> distances.Found:
-        """Distance, normal and nearest point of a pair or an end, whose links have these ends."""
+        """Distance, normal and nearest point of a pair or an end, whose links are ``placed`` there."""
         i, j = self.pair(pair)
         end, (a, b), radius = pair // len(self.pairs), one, self.capsules[i].radius
         a, b = (a, a) if end == 1 else (b, b) if end == 2 else (a, b)
+        if self.is_hull(j):
+            return to_polytope(a, b, radius, self._hulls[j], *two)
         if self._is_capsule(j):
             c, d = self._axis(j, poses) if two is None else two
             c, d = (c, c) if end == 3 else (d, d) if end == 4 else (c, d)
@@ -149,7 +164,7 @@ class Scene:
         return distances.to_box(a, b, radius, 0.5 * np.array(shape.size), pose)
 
     def _is_capsule(self, k: int) -> bool:
-        return k < self.links or self.world[k - self.links].kind in ("sphere", "capsule")
+        return not self.is_hull(k) if k < self.links else self.world[k - self.links].kind in ("sphere", "capsule")
 
     def _axis(self, k: int, poses: Mat) -> tuple[Vec, Vec]:
         """Ends of a sphere or capsule of the world."""
@@ -180,18 +195,19 @@ class Scene:
         """Measure pairs that may be near, assign slots, and return the content of each slot."""
         state.kinematics()
         motions = Motions(state, self, poses)
-        near = self._near([self.ends(k) for k in range(self.links)], poses, motions)
+        near = self._near(self._robot.bodies, poses, motions)
         assign(self.slots, {row: self._left(n, motions) for row, n in near.items()})
         deepest = self._deepest(near.values())
         rows = [near[p] if p >= 0 else None for p in self.slots.tolist()]
         return [n and n._replace(deepest=min(deepest[self._owner(k)] for k in self.pair(n.pair))) for n in rows]
 
-    def _near(self, ends: list[tuple[Vec, Vec]], poses: Mat, motions: Motions | None) -> dict[int, Near]:
+    def _near(self, bodies: Any, poses: Mat, motions: Motions | None) -> dict[int, Near]:
         """Rows within the influence or closing fast: pairs and ends of capsules side by side; motions: None at rest."""
         near: dict[int, Near] = {}
+        ends = [self._ends(k, bodies) for k in range(self.links)]
         for pair in self._candidates_near(ends, poses, motions):
             i, j = self.pairs[pair]
-            both = ends[i], ends[j] if j < self.links else None
+            both = ends[i], None if j >= self.links else self.placed(j, bodies) if self.is_hull(j) else ends[j]
             clearance = float(self.clearance[pair])
             found = self.measure(pair, poses, *both)
             if not self._counts(pair, found, clearance, motions):
@@ -239,14 +255,18 @@ class Scene:
         return sorted([*links[near].tolist(), *world.tolist()])
 
     def tables(self) -> Tables:
-        """Capsules, shapes of the world, pairs and clearances, as the native operation takes them."""
+        """Capsules, hulls, shapes of the world, pairs and clearances, as the native operation takes them."""
         links = tuple((c.body, (*c.a, *c.b), c.radius) for c in self.capsules)
+        hulls = tuple(
+            (k, h.rounding, tuple(h.corners.ravel().tolist()), tuple(h.triangles.ravel().tolist()))
+            for k, h in self._hulls.items()
+        )
         kinds = {"sphere": 0, "capsule": 0, "box": 1, "half_space": 2}
         world = tuple((kinds[s.kind], (*s.size, 0.0, 0.0, 0.0)[:3]) for s in self.world)
         columns = {b: tuple(np.flatnonzero(mask).tolist()) for b, mask in self._columns.items()}
         chains = tuple(columns.get(b, ()) for b in range(len(self._robot.bodies)))
         names = tuple(self.name(k) for k in range(self.links + len(self.world)))
-        return links, world, names, chains, tuple(self.pairs), tuple(self.clearance.tolist())
+        return links, hulls, world, names, chains, tuple(self.pairs), tuple(self.clearance.tolist())
 
     def _support(self, body: int) -> Vec:
         mask, bodies = np.zeros(self._robot.nv), self._robot.bodies

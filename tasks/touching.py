@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
+from collections import defaultdict
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hqp.arrays import Index, Mat
+from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.declare.robot import Robot
-from hqp.shapes import LinkCapsule
+from hqp.shapes import LinkCapsule, LinkHull
 
 from . import distances
 
@@ -28,12 +29,26 @@ REMEMBERED = 64
 """Robots whose pairs are remembered: copies of a robot share them."""
 
 Pair = tuple[int, int]
+Places = dict[int, tuple[Mat, Mat]]
 Key = tuple[Any, ...]
 
-_FOUND: dict[Key, list[Pair]] = {}
+
+class Judged(NamedTuple):
+    """Pairs of capsules, hulls of links, and pairs of a capsule and a hull, by their numbers.
+
+    unseparated: pairs of capsules whose links may touch although all rows hold, since no hull keeps them apart either.
+    """
+
+    pairs: list[Pair]
+    hulls: tuple[LinkHull, ...]
+    closer: list[Pair]
+    unseparated: list[Pair]
 
 
-def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float) -> list[Pair]:
+_FOUND: dict[Key, Judged] = {}
+
+
+def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float) -> Judged:
     """Return the pairs of capsules of links that may touch by accident.  A pair does not count if
 
     - its links are one body, or one carries the other: the range of their joint is the limit,
@@ -44,6 +59,9 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     - its capsules overlap at home, and the shapes touch in less than half of the configurations that its clearance
       (``kept``) excludes.
 
+    If the shapes of two links touch in a configuration that the rows of their capsules allow, those of one link as
+    convex hulls take the place of its capsules, if they are apart from the capsules of the other link at home.
+
     Configurations are drawn within the joint ranges; pairs that come near in fewer than 100 of 2000 count, unless their
     capsules overlap at home.  Shapes are those that capsules are fitted to; other capsules are the shapes themselves.
     clearance [m]: see ``kept`` (allowed collisions by drawn configurations: Coleman et al. 2014, MoveIt).
@@ -52,7 +70,7 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     body = [c.body for c in capsules]
     apart = [(i, j) for i, j in pairs if body[i] not in (body[j], parents[body[j]]) and body[j] != parents[body[i]]]
     if not apart:
-        return []
+        return Judged([], (), [], [])
     places = _drawn(robot.copy(), sorted(set(body)))
     digest = hashlib.sha256()
     for position, rotation in places.values():
@@ -70,13 +88,13 @@ def kept(clearance: float, home: float) -> float:
     return min(clearance, KEPT * home if home > 0.0 else home - SLACK)
 
 
-def _drawn(robot: Robot, bodies: list[int]) -> dict[int, tuple[Mat, Mat]]:
+def _drawn(robot: Robot, bodies: list[int]) -> Places:
     """Positions ``(n, 3)`` and rotations ``(n, 3, 3)`` of bodies, at home first."""
     rng = np.random.default_rng(0)
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     drawn = (robot.configuration(rng.uniform(low, high)) for _ in range(DRAWS))
-    found: dict[int, tuple[Mat, Mat]] = {b: (np.empty((DRAWS + 1, 3)), np.empty((DRAWS + 1, 3, 3))) for b in bodies}
+    found: Places = {b: (np.empty((DRAWS + 1, 3)), np.empty((DRAWS + 1, 3, 3))) for b in bodies}
     for n, q in enumerate((robot.home, *drawn)):
         robot.state(q).kinematics()
         for b, (positions, rotations) in found.items():
@@ -85,46 +103,193 @@ def _drawn(robot: Robot, bodies: list[int]) -> dict[int, tuple[Mat, Mat]]:
 
 
 def _judged(
-    robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float, places: Any
-) -> list[Pair]:
+    robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float, places: Places
+) -> Judged:
     shapes = robot.contacts() if any(c.fitted for c in capsules) else None
-    ends = []
-    for c in capsules:
-        position, rotation = places[c.body]
-        ends.append((position + rotation @ np.array(c.a), position + rotation @ np.array(c.b)))
-    middle = np.array([0.5 * (a + b) for a, b in ends])
-    size = [0.5 * float(np.linalg.norm(np.subtract(c.b, c.a))) + c.radius for c in capsules]
-
-    def gap(i: int, j: int, draws: Index) -> Any:
-        between = distances.of_axes(*(end[draws] for end in (*ends[i], *ends[j])))
-        return between - capsules[i].radius - capsules[j].radius
-
-    def touch(i: int, j: int, draw: int) -> bool:
-        one, two = capsules[i].body, capsules[j].body
-        first, second = ((places[b][0][draw], places[b][1][draw]) for b in (one, two))
-        assert shapes is not None
-        return bool(shapes.touch(one, two, first, second))
-
-    found = []
+    drawn = _Drawn(capsules, places, shapes)
+    links: dict[Pair, list[Pair]] = defaultdict(list)
     for i, j in pairs:
-        shaped = capsules[i].fitted and capsules[j].fitted
-        home = float(gap(i, j, np.zeros(1, dtype=np.intp))[0])
-        if touch(i, j, 0) if shaped else home <= 0.0:
+        links[_bodies(capsules, i, j)].append((i, j))
+    found, unseparated, closer = [], [], _Closer(drawn, clearance)
+    for those in links.values():
+        rows = [pair for pair in those if drawn.count(*pair, clearance)]
+        if shapes is not None and drawn.escapes(those, rows, clearance):
+            if closer.take(those):
+                continue
+            unseparated.append(those[0])
+        found += rows
+    return Judged(sorted(found), tuple(closer.hulls), closer.pairs, unseparated)
+
+
+def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -> Judged:
+    """Pairs that the user names, with hulls in place of capsules that overlap at home, if they are apart there."""
+    bodies = robot.copy()
+    bodies.state(bodies.home).kinematics()
+    poses = {c.body: bodies.bodies[c.body][5] for c in capsules}
+    places = {b: (position[None], rotation[None]) for b, (position, rotation) in poses.items()}
+    drawn = _Drawn(capsules, places, None)
+    links: dict[Pair, list[Pair]] = defaultdict(list)
+    for i, j in pairs:
+        links[_bodies(capsules, i, j)].append((i, j))
+    found: list[Pair] = []
+    hulls: list[LinkHull] = []
+    more: list[Pair] = []
+    for those in links.values():
+        if not drawn.shaped(*those[0]) or all(drawn.home(*pair) > 0.0 for pair in those):
+            found += those
             continue
-        least = kept(clearance, home)
-        off = np.linalg.norm(middle[i] - middle[j], axis=1) - size[i] - size[j]
+        drawn.shapes = drawn.shapes or robot.contacts()
+        best: tuple[float, list[int], tuple[LinkHull, ...]] = 0.0, [], ()
+        for own, others in (sides := _sides(capsules, those), sides[::-1]):
+            tried = drawn.hulls(others[0])
+            home = min(float(drawn.hull_gap(i, hull)[0]) for i in own for hull in tried)
+            best = max(best, (home, own, tried), key=lambda side: side[0])
+        _, own, tried = best
+        found += [] if own else those
+        more += [(i, len(hulls) + k) for i in own for k in range(len(tried))]
+        hulls += tried
+    return Judged(sorted(found), tuple(hulls), more, [])
+
+
+def _bodies(capsules: tuple[LinkCapsule, ...], i: int, j: int) -> Pair:
+    one, two = capsules[i].body, capsules[j].body
+    return min(one, two), max(one, two)
+
+
+def _sides(capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -> tuple[list[int], list[int]]:
+    """Capsules of either link of pairs of two links."""
+    first = capsules[pairs[0][0]].body
+    every = sorted({k for pair in pairs for k in pair})
+    return [k for k in every if capsules[k].body == first], [k for k in every if capsules[k].body != first]
+
+
+class _Drawn:
+    """Distances of capsules in drawn configurations, and contact of the shapes of their links."""
+
+    def __init__(self, capsules: tuple[LinkCapsule, ...], places: Places, shapes: Any) -> None:
+        self.capsules, self.places, self.shapes = capsules, places, shapes
+        self._hulls: dict[int, tuple[LinkHull, ...]] = {}
+        self.ends = []
+        for c in capsules:
+            position, rotation = places[c.body]
+            self.ends.append((position + rotation @ np.array(c.a), position + rotation @ np.array(c.b)))
+        self.middle = [0.5 * (a + b) for a, b in self.ends]
+        self.size = [0.5 * float(np.linalg.norm(np.subtract(c.b, c.a))) + c.radius for c in capsules]
+
+    def gap(self, i: int, j: int, draws: Index) -> Any:
+        between = distances.of_axes(*(end[draws] for end in (*self.ends[i], *self.ends[j])))
+        return between - self.capsules[i].radius - self.capsules[j].radius
+
+    def home(self, i: int, j: int) -> float:
+        return float(self.gap(i, j, np.zeros(1, dtype=np.intp))[0])
+
+    def near(self, i: int, j: int, least: float) -> tuple[Index, Any]:
+        """Configurations in which capsules are nearer than a distance, and their distances there."""
+        off = np.linalg.norm(self.middle[i] - self.middle[j], axis=1) - self.size[i] - self.size[j]
         draws = np.flatnonzero(off < least)
-        distance = gap(i, j, draws)
-        draws, distance = draws[distance < least], distance[distance < least]
+        distance = self.gap(i, j, draws)
+        return draws[distance < least], distance[distance < least]
+
+    def touch(self, i: int, j: int, draw: int) -> bool:
+        """Return true if the shapes of the links of two capsules touch in a configuration."""
+        one, two = self.capsules[i].body, self.capsules[j].body
+        first, second = ((self.places[b][0][draw], self.places[b][1][draw]) for b in (one, two))
+        return bool(self.shapes.touch(one, two, first, second))
+
+    def hulls(self, i: int) -> tuple[LinkHull, ...]:
+        """Hulls of the shapes of a capsule's link."""
+        body = self.capsules[i].body
+        if body not in self._hulls:
+            self._hulls[body] = self.shapes.hulls(body, self.capsules[i].link)
+        return self._hulls[body]
+
+    def hull_gap(self, i: int, hull: LinkHull) -> Vec:
+        """Distances between a capsule and a hull [m]."""
+        from . import hull_distances  # coal comes with Pinocchio, but takes its time to import
+
+        own = self.capsules[i]
+        return hull_distances.between(own, self.places[own.body], hull, self.places[hull.body])
+
+    def shaped(self, i: int, j: int) -> bool:
+        return self.capsules[i].fitted and self.capsules[j].fitted
+
+    def count(self, i: int, j: int, clearance: float) -> bool:
+        """Return true if a pair of capsules may touch by accident."""
+        shaped, home = self.shaped(i, j), self.home(i, j)
+        if self.touch(i, j, 0) if shaped else home <= 0.0:
+            return False
+        draws, distance = self.near(i, j, kept(clearance, home))
         tried = draws[:EVIDENCE].tolist()
         if len(tried) < EVIDENCE and home > 0.0:
-            found.append((i, j))
-            continue
+            return True
         touching = (
-            float(np.mean([touch(i, j, n) for n in tried] if shaped else distance[:EVIDENCE] <= 0.0)) if tried else 0.0
+            float(np.mean([self.touch(i, j, n) for n in tried] if shaped else distance[:EVIDENCE] <= 0.0))
+            if tried
+            else 0.0
         )
-        near = len(draws) / (DRAWS + 1)
-        needless = near * (1.0 - touching) > MOST * (1.0 - near * touching)
-        if touching > 0.5 or (home > 0.0 and touching > 0.0 and (touching >= MOST or not needless)):
-            found.append((i, j))
-    return found
+        return touching > 0.5 or (
+            home > 0.0 and touching > 0.0 and (touching >= MOST or not needless(len(draws), touching))
+        )
+
+    def escapes(self, pairs: list[Pair], rows: list[Pair], clearance: float) -> bool:
+        """Return true if shapes apart at home touch in a configuration that the rows of their links' capsules allow, or
+        may do so, since these overlap at home."""
+        if not self.shaped(*pairs[0]) or self.touch(*pairs[0], 0):
+            return False
+        if any(self.home(*pair) <= 0.0 for pair in rows):
+            return True
+        inside, held = np.zeros((2, DRAWS + 1), dtype=bool)
+        for pair in pairs:
+            inside[self.near(*pair, 0.0)[0]] = True
+        for i, j in rows:
+            least = kept(clearance, self.home(i, j))
+            if least > -self.capsules[i].radius - self.capsules[j].radius:
+                held[self.near(i, j, least)[0]] = True
+        tried = np.flatnonzero(inside & ~held)[:EVIDENCE].tolist()
+        return any(self.touch(*pairs[0], n) for n in tried)
+
+
+class _Closer:
+    """Pairs of a capsule and a hull of the other link, for links that their capsules do not keep apart."""
+
+    def __init__(self, drawn: _Drawn, clearance: float) -> None:
+        self.hulls: list[LinkHull] = []
+        self.pairs: list[Pair] = []
+        self._drawn, self._clearance = drawn, clearance
+
+    def take(self, pairs: list[Pair]) -> bool:
+        """Take the hulls of the link that excludes fewer configurations; return false if neither is apart at home."""
+        one, two = _sides(self._drawn.capsules, pairs)
+        found = [side for side in (self._side(one, two), self._side(two, one)) if side is not None]
+        for i, hull in min(found, key=lambda side: side[0])[1] if found else ():
+            if hull not in self.hulls:
+                self.hulls.append(hull)
+            self.pairs.append((i, self.hulls.index(hull)))
+        return bool(found)
+
+    def _side(self, capsules: list[int], others: list[int]) -> tuple[int, list[tuple[int, LinkHull]]] | None:
+        """Number of excluded configurations, and capsules with hulls of the link of ``others`` that exclude them."""
+        drawn = self._drawn
+        excluded: list[tuple[Mask, int, LinkHull]] = []
+        for hull in drawn.hulls(others[0]):
+            for i in capsules:
+                gap = drawn.hull_gap(i, hull)
+                if not gap[0] > 0.0:
+                    return None
+                excluded.append((gap < kept(self._clearance, float(gap[0])), i, hull))
+        near, used = np.zeros(DRAWS + 1, dtype=bool), []
+        for more, i, hull in sorted(excluded, key=lambda one: -int(one[0].sum())):
+            if (more & ~near).any():
+                used.append((i, hull))
+            near |= more
+        tried = np.flatnonzero(near)[:EVIDENCE].tolist()
+        touching = float(np.mean([drawn.touch(capsules[0], others[0], n) for n in tried])) if tried else 0.0
+        if not touching or (touching < MOST and needless(int(near.sum()), touching)):
+            return None
+        return int(near.sum()), used
+
+
+def needless(excluded: int, touching: float) -> bool:
+    """Return true if a clearance excludes too many configurations, in which shapes touch with this share."""
+    near = excluded / (DRAWS + 1)
+    return near * (1.0 - touching) > MOST * (1.0 - near * touching)

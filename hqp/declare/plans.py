@@ -195,14 +195,16 @@ class Constant:
 
 @dataclass(frozen=True, eq=False)
 class Collision:
-    """Capsules of links (body, ends in its axes, radius), shapes of the world (kind 0 capsule, 1 box, 2 half-space, and
-    size), their names, the columns that move each body, pairs of shapes with clearances, and live slots.  soft,
-    curvature: see ``CollisionAvoidance.curve``.
+    """Capsules of links (body, ends in its axes, radius), hulls of some of them (number, radius that rounds it, corners
+    in the axes of its body, triangles), shapes of the world (kind 0 capsule, 1 box, 2 half-space, and size), their
+    names, the columns that move each body, pairs of shapes with clearances, and live slots.  soft, curvature: see
+    ``CollisionAvoidance.curve``.
 
     reference ``(n, 6, 4)``: a shape's pose ``(4, 4)``, velocity and angular velocity, three numbers and a zero each.
     """
 
     links: tuple[tuple[int, tuple[float, ...], float], ...]
+    hulls: tuple[tuple[int, float, tuple[float, ...], tuple[int, ...]], ...]
     world: tuple[tuple[int, tuple[float, ...]], ...]
     names: tuple[str, ...]
     chains: tuple[tuple[int, ...], ...]

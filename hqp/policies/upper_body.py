@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -145,14 +145,9 @@ class UpperBody:
         )
 
     def _apart(self, robot: Robot, joints: tuple[str, ...]) -> tuple[CollisionAvoidance, ...]:
-        """Distances from links that these joints move to all that they may touch, as for ``pairs="auto"``."""
-        moved = {robot.subtree(joint) for joint in joints}
-        every = CollisionAvoidance(clearance=self.clearance, influence=self.influence)
-        capsules, found = candidates(every, robot, (), "auto", self.clearance)
-        pairs = tuple(
-            (capsules[i].name, capsules[j].name) for i, j in found if {capsules[i].body, capsules[j].body} & moved
-        )
-        return (replace(every, pairs=pairs),) if pairs else ()
+        """Distances from links that these joints move to all that they may touch."""
+        every = CollisionAvoidance(joints=joints, clearance=self.clearance, influence=self.influence)
+        return (every,) if candidates(every, robot, (), "auto", self.clearance, joints).pairs else ()
 
     def session(
         self, robot: Robot, dt: float, *, deadline: float | None = None, max_age: float | None = None

@@ -290,7 +290,7 @@ def test_a_mesh_that_is_not_convex_counts_as_its_hull(panda: Any, tmp_path: Any)
             if n is None or n.distance < 0.0:
                 continue
             link = own.pair(n.pair)[0]
-            a, b = own.ends(link)
+            a, b = own.placed(link)
             axis = a + np.linspace(0.0, 1.0, 21)[:, None] * (b - a) - place
             away = min(distance_to_hull(p, hull) for p in axis) - own.capsules[link].radius
             assert away - math.dist(a, b) / 20.0 - 1e-5 < n.distance < away + 1e-5

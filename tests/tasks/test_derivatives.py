@@ -213,7 +213,7 @@ def distances(element: t.CollisionAvoidance, state: State) -> Callable[[State], 
         for k, n in enumerate(near):
             if n is not None:
                 i, j = own.pair(n.pair)
-                ends = own.ends(i), own.ends(j) if j < own.links else None
+                ends = own.placed(i), own.placed(j) if j < own.links else None
                 found[k] = own.measure(n.pair, poses, *ends)[0] - n.distance
         return found
 

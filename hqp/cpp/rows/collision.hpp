@@ -3,8 +3,9 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
-#include "distance.hpp"
+#include "polytope.hpp"
 #include "rows.hpp"
 
 namespace hqp {
@@ -13,6 +14,7 @@ struct LinkCapsule {
   int body;
   Segment local;  // in the body's axes
   double radius;
+  std::optional<Polytope> hull = {};  // the shape itself, in the body's axes, within the ball of this radius
 };
 
 enum class Solid { kCapsule, kBox, kHalfSpace };
@@ -93,6 +95,9 @@ class Collision final : public Operation {
 
   const std::array<int, 2>& pair_of(int row) const { return s_.pairs[row % count_]; }
   bool is_link(int k) const { return k < static_cast<int>(s_.links.size()); }
+  bool is_capsule(int k) const {
+    return is_link(k) ? !s_.links[k].hull : s_.world[k - s_.links.size()].kind == Solid::kCapsule;
+  }
   int body(int k) const { return is_link(k) ? s_.links[k].body : 0; }
   // Carrier of a shape: its body, itself in the world.
   std::size_t owner(int k) const { return body(k) ? body(k) : s_.chains.size() + k; }
@@ -125,14 +130,19 @@ class Collision final : public Operation {
       if (is_link(j)) {
         const Vec3 w = centres_[i] - centres_[j];
         const double size = sizes_[i] + sizes_[j], reach = s_.influence + size;
-        if (!(dot(w, w) < reach * reach)) {
-          const double most = s_.foresight * (speeds_[i] + speeds_[j]);
-          if (!(most > slow && most > closing(std::sqrt(dot(w, w)) - size - s_.clearances[n]).speed)) continue;
+        const double most = s_.foresight * (speeds_[i] + speeds_[j]);
+        if (!(dot(w, w) < reach * reach) &&
+            !(most > slow && most > closing(std::sqrt(dot(w, w)) - size - s_.clearances[n]).speed))
+          continue;
+        if (s_.links[j].hull) {
+          const auto [origin, R] = placed(j, 0.0);
+          const double least = s_.links[j].hull->at_least(ends_[i], s_.links[i].radius, origin, R);
+          if (!(least < s_.influence) && !(most > slow && most > closing(least - s_.clearances[n]).speed)) continue;
         }
       }
       const Distance found = measure(static_cast<int>(n), ends_[i], is_link(j) ? ends_[j] : Segment{});
       if (!take(static_cast<int>(n), found)) continue;
-      if (is_link(j) || s_.world[j - s_.links.size()].kind == Solid::kCapsule) look_at_ends(static_cast<int>(n));
+      if (is_capsule(j)) look_at_ends(static_cast<int>(n));
     }
   }
 
@@ -172,7 +182,17 @@ class Collision final : public Operation {
     return {origin - half, origin + half};
   }
 
-  // h: time offset of the world's shapes.
+  // Position and rotation of the body of a link a time h later.
+  std::pair<Vec3, Mat3> placed(int k, double h) const {
+    const Body& b = tree_.bodies()[body(k)];
+    const Motion& V = tree_.motion(body(k));
+    const Vec3 origin = load(b.position);
+    Mat3 R = load_rotation(b.rotation);
+    for (Vec3& column : R.column) column = column + h * cross(V.angular, column);
+    return {origin + h * V.at(origin), R};
+  }
+
+  // h: time offset of the world's shapes and of hulls.
   Distance measure(int row, Segment one, Segment two, double h = 0.0) const {
     const auto [i, j] = pair_of(row);
     const int end = row / count_;
@@ -182,6 +202,10 @@ class Collision final : public Operation {
     if (end == 2) one.a = one.b;
     if (end == 3) two.b = two.a;
     if (end == 4) two.a = two.b;
+    if (is_link(j) && s_.links[j].hull) {
+      const auto [origin, R] = placed(j, h);
+      return s_.links[j].hull->distance(one, radius, origin, R);
+    }
     if (is_link(j)) return Measure::capsule(one, radius, two, s_.links[j].radius);
     const std::size_t k = j - s_.links.size();
     const double* T = pose(j);

@@ -53,9 +53,6 @@ class Measure {
     return {-depth - radius, R * (-1.0 * outward), one.a + s * along};
   }
 
- private:
-  static double share(double x) { return std::min(std::max(x, 0.0), 1.0); }
-
   static void nearest(const Segment& one, const Segment& two, double& s, double& t) {
     const Vec3 u = one.b - one.a, v = two.b - two.a, w = two.a - one.a;
     const double A = dot(u, u), B = dot(u, v), C = dot(v, v), D = dot(u, w), E = dot(v, w);
@@ -81,6 +78,9 @@ class Measure {
       t = 1.0;
     }
   }
+
+ private:
+  static double share(double x) { return std::min(std::max(x, 0.0), 1.0); }
 
   static Vec3 beyond(const Vec3& at, const Vec3& half) {
     Vec3 off;

@@ -229,6 +229,15 @@ class Operations {
       found.links.push_back(
           {part[0].place(tree_.bodies().size()), {load(ends.data()), load(ends.data() + 3)}, part[2].number()});
     }
+    for (const Plan& hull : p.parts("hulls")) {
+      const std::vector<Plan> part = hull.parts();
+      if (part.size() != 4) throw std::invalid_argument("a hull is a link, a radius, corners and triangles");
+      const std::vector<double> numbers = part[2].numbers();
+      std::vector<Vec3> corners;
+      for (std::size_t k = 0; k + 2 < numbers.size(); k += 3) corners.push_back(load(&numbers[k]));
+      found.links[part[0].place(found.links.size())].hull.emplace(corners, part[3].places(corners.size()),
+                                                                  part[1].number());
+    }
     for (const Plan& shape : p.parts("world")) {
       const std::vector<Plan> part = shape.parts();
       if (part.size() != 2) throw std::invalid_argument("a shape of the world is a kind and a size");
@@ -241,8 +250,8 @@ class Operations {
     if (found.chains.size() != tree_.bodies().size()) throw std::invalid_argument("a chain for every body is needed");
     for (const Plan& pair : p.parts("pairs")) {
       const std::vector<int> both = pair.places(found.links.size() + found.world.size());
-      if (both.size() != 2 || std::size_t(both[0]) >= found.links.size())
-        throw std::invalid_argument("a pair is of a link and another shape");
+      if (both.size() != 2 || std::size_t(both[0]) >= found.links.size() || found.links[both[0]].hull)
+        throw std::invalid_argument("a pair is of a capsule of a link and another shape");
       found.pairs.push_back({both[0], both[1]});
     }
     found.clearances = p.numbers("clearances", found.pairs.size());

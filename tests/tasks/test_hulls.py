@@ -1,0 +1,133 @@
+"""Convex hulls in place of capsules that cannot keep two links apart: distances by coal, and what rows allow."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import hqp
+from hqp.collision_library import convex_hull, solid
+from hqp.shapes import LinkHull
+from hqp.tasks import CollisionAvoidance
+from hqp.tasks.collision_scene import scene
+from hqp.tasks.polytopes import polytope, to_polytope
+
+from .test_collision import by_coal, pose
+from .test_touching import configurations, touch
+
+FAST = ("g1", "go2")
+SLOW = ("ur5", "laikago", "go1", "talos", "icub", "solo12", "romeo", "panda", "anymal", "tiago", "xarm7")
+
+
+def hull(rng: Any) -> LinkHull:
+    """Hull of drawn points, round, long or flat."""
+    points = rng.normal(size=(rng.integers(4, 40), 3)) * rng.uniform(0.01, 0.3, 3)
+    own = ConvexHull(points)
+    place = {int(v): k for k, v in enumerate(own.vertices)}
+    triangles = tuple((place[i], place[j], place[k]) for i, j, k in own.simplices.tolist())
+    return LinkHull(
+        "hull", 1, tuple(map(tuple, points[own.vertices].tolist())), triangles, float(rng.uniform(0.0, 0.02))
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_distances_to_hulls_are_coals(seed: int) -> None:
+    rng, apart, inside = np.random.default_rng(seed), 0, 0
+    for _ in range(40):
+        own, T = hull(rng), pose(rng)
+        a = T[:3, 3] + rng.normal(size=3) * rng.choice([0.05, 0.3])
+        b = a + rng.normal(size=3) * rng.choice([0.3, 1e-4])
+        d, normal, _ = to_polytope(a, b, 0.05, polytope(own), T[:3, 3], T[:3, :3])
+        shape = solid(convex_hull(np.array(own.corners)))
+        expected = by_coal(a, b, 0.05, shape, T) - own.rounding
+        assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-9)
+        if expected > 1e-3:
+            assert d == pytest.approx(expected, abs=1e-5)
+            apart += 1
+        else:  # the way out ends at a touch, and a shorter one does not
+            assert d < 2e-3
+            core = d + 0.05 + own.rounding
+            if core < -1e-3:
+                out = normal * core
+                assert by_coal(a + 1.001 * out, b + 1.001 * out, 1e-6, shape, T) > 0.0
+                assert by_coal(a + 0.95 * out, b + 0.95 * out, 1e-6, shape, T) < 1e-5
+                inside += 1
+    assert apart > 10
+    assert inside > 3
+
+
+def test_hulls_contain_the_shapes() -> None:
+    robot = hqp.robots.load("g1")
+    contacts, geometry = robot.contacts(), robot.geometry
+    for link in ("torso_link", "left_hip_roll_link"):
+        body = robot.body(robot.frame(link))
+        items = [item for item in geometry.geometryObjects if item.parentJoint == body]
+        for own, item in zip(contacts.hulls(body, link), items, strict=True):
+            assert own.rounding < 3e-3
+            shape = polytope(own)
+            for p in item.geometry.vertices()[::80]:
+                at = item.placement.rotation @ p + item.placement.translation
+                assert to_polytope(at, at, 0.0, shape, np.zeros(3), np.eye(3))[0] < 1e-6
+
+
+@pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_what_the_rows_allow_does_not_touch(name: str) -> None:
+    """Links that are apart at home, by coal on the shapes of the file, in drawn configurations and at the ends of the
+    joints: rows exclude their contacts, or a note names them."""
+    robot = hqp.robots.load(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        own = scene(CollisionAvoidance(), robot)
+    named = {frozenset(text.split(" - ")) for text in own.unseparated}
+    link: dict[int, str] = {}
+    shapes: dict[int, list[tuple[Any, Any]]] = {}
+    for c in robot.capsules:
+        link.setdefault(c.body, c.link)
+    for item in robot.geometry.geometryObjects:
+        shapes.setdefault(item.parentJoint, []).append((item.geometry, item.placement))
+    places = configurations(robot, np.random.default_rng(3), 25 if name in FAST else 300)
+    rows: dict[frozenset[int], list[int]] = {}
+    for k, (i, j) in enumerate(own.pairs):
+        rows.setdefault(frozenset((own.body(i), own.body(j))), []).append(k)
+    touching = 0
+    for one, two in itertools.combinations(sorted(shapes.keys() & link.keys()), 2):
+        parents = robot.model.parents
+        if parents[one] == two or parents[two] == one or frozenset((link[one], link[two])) in named:
+            continue
+        if touch(shapes[one], shapes[two], places[0][one], places[0][two]):
+            continue
+        for place in places[1:]:
+            if not touch(shapes[one], shapes[two], place[one], place[two]):
+                continue
+            touching += 1
+            bodies = {b: (0, 0, 0, 0, 0, (place[b].translation, place[b].rotation)) for b in (one, two)}
+            left = [
+                own.measure(k, np.zeros((0, 6, 4)), *(own.placed(s, bodies) for s in own.pairs[k]))[0]
+                - own.clearance[k]
+                for k in rows.get(frozenset((one, two)), ())
+            ]
+            assert min(left, default=1.0) < 0.0, f"{link[one]} - {link[two]}"
+    assert touching > 5
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_native_rows_are_those_of_the_functions(order: int, written: Callable[..., Any]) -> None:
+    robot = hqp.robots.load("go2")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        avoid = CollisionAvoidance(pairs=(("base", "RL_thigh"), ("base", "RR_thigh")), influence=0.3)
+        own = scene(avoid, robot)
+    assert [own.is_hull(j) for _, j in own.pairs].count(True) == len(own.pairs) > 2
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        state = robot.state(robot.random_configuration(rng), rng.normal(size=robot.nv))
+        fast, slow = (written(avoid, state, avoid.hold(state), order, native) for native in (True, False))
+        np.testing.assert_allclose(fast.J, slow.J, atol=1e-9)
+        np.testing.assert_allclose(fast.lower, slow.lower, atol=1e-5)
+        assert np.isfinite(fast.lower).sum() > 2
