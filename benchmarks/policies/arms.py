@@ -12,8 +12,9 @@ import json
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ SPEED = 5.0
 """Largest speed of the arms' joints that hqp plans [rad/s]."""
 CLAMPED = 6.0
 """Speed of joint targets in the clamp [rad/s]."""
+FAST = 6.0
+"""Speed of joints at which guards of robots stop them [rad/s]."""
 MARK, END = "<!-- tables: python -m benchmarks arms --page docs/upper-body.md -->", "<!-- end -->"
 """Marks in the page around the generated table."""
 
@@ -49,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--motions", type=int, default=20, help="drawn motions of each controller, by default 20")
     parser.add_argument("--first", type=int, default=0, help="seed of the first motion")
     parser.add_argument("--only", nargs="*", default=None, metavar="NAME", help='such as "reach 0.05" or pink')
+    parser.add_argument("--record", type=Path, metavar="FILE", help="add motions to it, and leave out those it has")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin no motion after this time")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the table there, in a page of the docs, too")
 
 
@@ -64,19 +69,37 @@ def run(arguments: argparse.Namespace) -> int:
         makers |= {"pink": Pink, "pink, clamped": Clamped}
     names = [name for name in makers if arguments.only is None or name in arguments.only]
     count = 2 if arguments.quick else arguments.motions
-    found: dict[str, list[Motion]] = {name: [] for name in names}
-    for seed in range(arguments.first, arguments.first + count):
-        for name in names:
-            found[name].append(motion(files, makers[name], seed))
-            one = found[name][-1]
-            report.console.print(
-                f"{seed} {name}: {'fell' if one.fell else 'stands'}, {1e3 * np.median(one.errors):.0f} mm"
-            )
-        text = report.table(HEADER, [_row(name, runs) for name, runs in found.items()])
-        report.section(arguments.output, "arms", text)
+    found: dict[str, dict[int, Motion]] = {name: {} for name in names}
+    for name, seed, one in recorded(arguments.record):
+        found.setdefault(name, {})[seed] = one
+    end = time.monotonic() + arguments.seconds
+    for seed, name in product(range(arguments.first, arguments.first + count), names):
+        if seed in found[name] or time.monotonic() > end:
+            continue
+        one = found[name][seed] = motion(files, makers[name], seed)
+        state = "fell" if one.fell else "stands"
+        report.console.print(f"{seed} {name}: {state}, {1e3 * np.median(one.errors):.0f} mm, {one.fast:.1f} rad/s")
+        if arguments.record is not None:
+            with arguments.record.open("a") as file:
+                file.write(json.dumps([name, seed, asdict(one)]) + "\n")
+    text = table({name: list(runs.values()) for name, runs in found.items() if runs})
+    report.section(arguments.output, "arms", text)
     if arguments.page is not None:
         report.into_page(arguments.page, MARK, text, END)
     return 0
+
+
+def table(found: Mapping[str, Sequence[Motion]]) -> str:
+    """A row for each name, in the columns of ``Motion.cells``."""
+    rows = {name: Motion.cells(runs) for name, runs in found.items()}
+    return report.table(("arms", *next(iter(rows.values()))), [(name, *row.values()) for name, row in rows.items()])
+
+
+def recorded(path: Path | None) -> Iterator[tuple[str, int, Motion]]:
+    """Name, seed and motion of each line of a file; none without one."""
+    for line in path.read_text().splitlines() if path is not None and path.exists() else ():
+        name, seed, one = json.loads(line)
+        yield name, seed, Motion(**one)
 
 
 def wheels() -> tuple[Path, Path] | None:
@@ -272,31 +295,26 @@ class Motion:
     errors: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
 
+    @staticmethod
+    def cells(runs: Sequence[Motion]) -> dict[str, str]:
+        """Cells of a table of several motions, by column."""
+        errors, cpu = (1e3 * np.concatenate(parts) for parts in ([r.errors for r in runs], [r.cpu for r in runs]))
+        return {
+            "motions": str(len(runs)),
+            "falls": str(sum(r.fell for r in runs)),
+            "hand error p50, p95 [mm]": _percentiles(errors, 95, 0),
+            "motions with a self-contact": str(sum(r.touches > 0 for r in runs)),
+            "configurations with a self-contact": f"{sum(r.touches for r in runs)} of {sum(r.judged for r in runs)}",
+            "joints [rad/s]": f"{max(r.fast for r in runs):.1f}",
+            "motions above 6 rad/s": str(sum(r.fast > FAST for r in runs)),
+            "not solved": f"{sum(r.unsolved for r in runs)} of {sum(r.ticks for r in runs)}",
+            "CPU of a tick p50, p99 [ms]": _percentiles(cpu, 99, 2),
+        }
 
-HEADER = (
-    "arms",
-    "motions",
-    "falls",
-    "hand error p50, p95 [mm]",
-    "motions with a self-contact",
-    "configurations with one",
-    "joints [rad/s]",
-    "not solved",
-    "CPU of a tick p50, p99 [ms]",
-)
 
-
-def _row(name: str, runs: Sequence[Motion]) -> tuple[str, ...]:
-    errors = 1e3 * np.concatenate([run.errors for run in runs])
-    cpu = 1e3 * np.concatenate([run.cpu for run in runs])
-    return (
-        name, str(len(runs)), str(sum(run.fell for run in runs)),
-        f"{np.median(errors):.0f}, {np.percentile(errors, 95):.0f}", str(sum(run.touches > 0 for run in runs)),
-        f"{sum(run.touches for run in runs)} of {sum(run.judged for run in runs)}",
-        f"{max(run.fast for run in runs):.1f}",
-        f"{sum(run.unsolved for run in runs)} of {sum(run.ticks for run in runs)}",
-        f"{np.median(cpu):.2f}, {np.percentile(cpu, 99):.2f}",
-    )  # fmt: skip
+def _percentiles(numbers: Any, high: int, digits: int) -> str:
+    """The median and another percentile; empty without numbers."""
+    return f"{np.median(numbers):.{digits}f}, {np.percentile(numbers, high):.{digits}f}" if numbers.size else ""
 
 
 def motion(

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 import hqp
-from benchmarks.policies.arms import Motion
+from benchmarks.policies.arms import Motion, table
 from benchmarks.policies.filter import Shapes
 from benchmarks.reports import report
 from hqp.robots.on_mujoco import Plane, Plant
@@ -50,35 +50,11 @@ def run(arguments: argparse.Namespace) -> int:
             found[name].append(one)
             text = f"{seed} {name}: {'fell' if one.fell else 'stands'}, {one.touches} touches, {one.fast:.1f} rad/s"
             report.console.print(text)
-    text = report.table(HEADER, [row(name, runs) for name, runs in found.items()])
+    text = table(found)
     report.section(arguments.output, "talos", text)
     if arguments.page is not None:
         report.into_page(arguments.page, MARK, text, END)
     return 0
-
-
-HEADER = (
-    "arms",
-    "motions",
-    "falls",
-    "hand error p50, p95 [mm]",
-    "configurations with a self-contact",
-    "joints [rad/s]",
-    "not solved",
-    "CPU of a tick p50, p99 [ms]",
-)
-
-
-def row(name: str, runs: list[Motion]) -> tuple[str, ...]:
-    """Cells of the table."""
-    errors, cpu = (1e3 * np.concatenate(parts) for parts in ([r.errors for r in runs], [r.cpu for r in runs]))
-    times = f"{np.median(cpu):.2f}, {np.percentile(cpu, 99):.2f}" if cpu.size else ""
-    return (
-        name, str(len(runs)), str(sum(r.fell for r in runs)),
-        f"{np.median(errors):.0f}, {np.percentile(errors, 95):.0f}",
-        f"{sum(r.touches for r in runs)} of {sum(r.judged for r in runs)}", f"{max(r.fast for r in runs):.1f}",
-        f"{sum(r.unsolved for r in runs)} of {sum(r.ticks for r in runs)}", times,
-    )  # fmt: skip
 
 
 def drawn(robot: Any, hands: tuple[str, ...], columns: Any, rng: np.random.Generator) -> list[list[pin.SE3]]:
