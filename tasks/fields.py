@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -69,7 +69,10 @@ def set_names(element: Element, what: str) -> None:
     value = getattr(element, what)
     if value is None or (isinstance(value, str) and value):
         return
-    names = tuple(value) if isinstance(value, Iterable) and not isinstance(value, (str, dict)) else ()
+    try:
+        names = () if isinstance(value, (str, dict)) else tuple(value)
+    except TypeError:
+        names = ()
     if not names or not all(isinstance(n, str) and n for n in names) or len(set(names)) < len(names):
         raise element.invalid(what, value, "None, a name or distinct names")
     object.__setattr__(element, what, names)

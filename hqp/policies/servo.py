@@ -37,7 +37,8 @@ class Servos:
 
     @classmethod
     def of(cls, owner: str, robot: Robot, joints: Index, kp: Gains, kd: Gains, dt: float) -> Servos:
-        """Servos of these coordinates with the inertia at home; raises DeclarationError for gains."""
+        """Servos of these coordinates with the inertia at home; raises DeclarationError for gains and for tendons."""
+        require_own_motors(owner, robot, joints)
         names = [robot.joint_name(int(c)) for c in joints]
         effort = np.where(robot.effort_limit[joints] > 0.0, robot.effort_limit[joints], np.inf)
         return cls(
@@ -65,6 +66,15 @@ class Servos:
     def target(self, torque: Vec, q: Vec, after: Vec) -> Vec:
         """The target whose torque at the end of the period, at q + dt v+ and v+ = ``after``, is this one."""
         return q + self.dt * after + (torque + self.kd * after) / self.kp
+
+
+def require_own_motors(owner: str, robot: Robot, joints: Index) -> None:
+    """Raise DeclarationError for motors of these coordinates that pull other joints too: they take no joint targets."""
+    rows = np.isin(robot.actuated, joints) & (np.count_nonzero(robot.actuation, axis=1) > 1)
+    if rows.any():
+        names = [robot.joint_name(int(c)) for c in robot.actuated[rows]]
+        allowed = "motors of one joint each; a Controller with Torque commands tendons"
+        raise DeclarationError(owner, "motors that pull several joints by a tendon", value=names, allowed=allowed)
 
 
 def within(numbers: Vec, low: Vec | float, high: Vec | float) -> Vec:

@@ -56,15 +56,17 @@ def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:
 
 
 def borne(robot: Any, foot: Foot, q: Vec) -> Vec:
-    """Share of its largest torque that each actuated joint bears while all the weight is on one foot, at rest ``(n,)``.
+    """Share of its largest torque that each motor bears while all the weight is on one foot, at rest ``(n,)``.
 
-    The ground's wrench balances the weight: f = m g, moment (c - p) x f at the sole, tau = g(q) - J' (f, moment).
+    The ground's wrench balances the weight: f = m g, moment (c - p) x f at the sole, U' tau = g(q) - J' (f, moment),
+    as near as motors with the actuation U get.
     """
     state = robot.copy().state(q)
     f = np.array([0.0, 0.0, -robot.mass * robot.gravity[2]])
     moment = np.cross(state.com() - state.position(foot.frame), f)
-    tau = state.bias_force() - state.jacobian(foot.frame).T @ np.concatenate((f, moment))
-    return np.asarray(np.abs(tau[robot.actuated]) / robot.effort_limit[robot.actuated])
+    needed = state.bias_force() - state.jacobian(foot.frame).T @ np.concatenate((f, moment))
+    tau = np.linalg.lstsq(robot.actuation.T, needed, rcond=None)[0]
+    return np.asarray(np.abs(tau) / robot.effort_limit[robot.actuated])
 
 
 class Stance:

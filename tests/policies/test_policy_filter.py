@@ -18,6 +18,7 @@ from hqp.policies import Prediction
 from hqp.robots import Robot
 from hqp.tasks.limits import home_inertia
 from tests.loop.test_begin import Physics, holding, standing
+from tests.robots.test_tendons import drawn as tendons
 from tests.scenes.hostile import DT, KINDS, Plant, hostile
 from tests.tasks.test_prescribed import load
 
@@ -207,3 +208,17 @@ def test_an_arm_under_gravity_comes_to_rest(name: str, kind: str, lost: bool) ->
     assert speeds[199] > 0.5
     assert max(speeds[700:]) < 0.05
     assert np.abs(places[-1] - places[199]).max() < 0.3 * speeds[199]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_motors_that_pull_several_joints_are_refused(seed: int, tmp_path: Any) -> None:
+    """The motor of a tendon moves other joints too: it is no servo of its joint."""
+    robot, *_ = tendons(seed, tmp_path)
+    several = [n for n, row in zip(robot.joint_names, robot.actuation, strict=True) if np.count_nonzero(row) > 1]
+    for command in ("positions", "velocities", "torques"):
+        declared = PolicyFilter(command=command, kp=10.0, kd=1.0)
+        if several:
+            with pytest.raises(DeclarationError, match=several[0]):
+                declared.session(robot, 0.01)
+        else:
+            declared.session(robot, 0.01)

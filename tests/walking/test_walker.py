@@ -237,8 +237,23 @@ def test_what_joints_bear_on_one_foot_is_the_balance_of_the_free_base() -> None:
     for foot in feet:
         J, g = state.jacobian(foot.frame), state.bias_force()
         wrench = np.linalg.solve(J[:, :6].T, g[:6])
-        torque = np.abs(g - J.T @ wrench)[robot.actuated]
-        np.testing.assert_allclose(borne(robot, foot, state.q) * robot.effort_limit[robot.actuated], torque, atol=1e-6)
+        torque = (g - J.T @ wrench)[robot.actuated]
+        limits = robot.effort_limit[robot.actuated]
+        np.testing.assert_allclose(borne(robot, foot, state.q) * limits, np.abs(torque), atol=1e-6)
+        tendons = np.eye(len(torque)) + np.diag(np.linspace(-0.5, 0.5, len(torque) - 1), 1)
+        pulled = Pulled(robot, tendons @ robot.actuation)
+        own = np.linalg.solve(tendons.T, torque)
+        np.testing.assert_allclose(borne(pulled, foot, state.q) * limits, np.abs(own), atol=1e-6)
+
+
+class Pulled:
+    """A robot with other motors."""
+
+    def __init__(self, robot: Any, actuation: Any) -> None:
+        self._robot, self.actuation = robot, actuation
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._robot, name)
 
 
 def test_what_a_foot_bears_by_a_toe_is_a_landing_when_its_time_is_up() -> None:
