@@ -19,7 +19,7 @@ from . import distances
 from .collision_motion import FORESIGHT, Motions
 from .collision_pairs import SHORT, candidates
 from .collision_rows import Near, assign
-from .polytopes import polytope, to_polytope
+from .polytopes import at_least, polytope, to_polytope
 from .touching import kept
 
 if TYPE_CHECKING:
@@ -209,6 +209,10 @@ class Scene:
             i, j = self.pairs[pair]
             both = ends[i], None if j >= self.links else self.placed(j, bodies) if self.is_hull(j) else ends[j]
             clearance = float(self.clearance[pair])
+            if self.is_hull(j):
+                least = at_least(*ends[i], self.capsules[i].radius, self._hulls[j], *self.placed(j, bodies))
+                if least >= self._element.influence and self._slow((i, j), ends, least - clearance, motions):
+                    continue
             found = self.measure(pair, poses, *both)
             if not self._counts(pair, found, clearance, motions):
                 continue
@@ -219,6 +223,13 @@ class Scene:
                 if self._counts(row, found, clearance, motions):
                     near[row] = Near(row, found[0], clearance, *found[1:], fade)
         return near
+
+    def _slow(self, pair: tuple[int, int], ends: list[tuple[Vec, Vec]], h: float, motions: Motions | None) -> bool:
+        """Return true if no point of two links moves so fast that a pair farther than this has a row."""
+        if motions is None:
+            return True
+        most = sum(motions.fastest(k, 0.5 * (ends[k][0] + ends[k][1]), float(self._sizes[k])) for k in pair)
+        return FORESIGHT * most <= self._element.closing(h)[0]
 
     def _counts(self, row: int, found: distances.Found, clearance: float, motions: Motions | None) -> bool:
         return self._element.counts(found[0], clearance, motions.speed(row, *found[1:]) if motions else 0.0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec, cross
+from hqp.arrays import Index, Mask, Mat, Vec, cross
 from hqp.shapes import LinkHull
 
 from .distances import TOUCHING, Found, nearest
@@ -16,14 +16,17 @@ from .distances import TOUCHING, Found, nearest
 class Polytope(NamedTuple):
     """Corners ``(n, 3)``, triangles ``(m, 3)`` counter-clockwise from outside, their planes, edges between two of them.
 
-    normals ``(m, 3)``, offsets ``(m,)``: normal . x <= offset inside.  edges ``(k, 4)``: two corners, two triangles.
+    normals ``(m, 3)``, offsets ``(m,)``: normal . x <= offset inside.  edges ``(k, 4)``: two corners, two triangles;
+    middles ``(k, 3)``, halves ``(k,)`` of their lengths.
     """
 
     corners: Mat
     triangles: Index
     normals: Mat
     offsets: Vec
-    edges: list[tuple[int, int, int, int]]
+    edges: Index
+    middles: Mat
+    halves: Vec
     rounding: float
 
 
@@ -40,8 +43,17 @@ def polytope(hull: LinkHull) -> Polytope:
     for k, ring in enumerate(triangles.tolist()):
         for one, two in zip(ring, ring[1:] + ring[:1], strict=True):
             edges.setdefault((two, one) if (two, one) in edges else (one, two), []).append(k)
-    found = [(*edge, sides[0], sides[-1]) for edge, sides in edges.items()]
-    return Polytope(corners, triangles, normals, np.einsum("ij,ij->i", normals, a), found, hull.rounding)
+    found = np.array([(*edge, sides[0], sides[-1]) for edge, sides in edges.items()])
+    a, b = corners[found[:, 0]], corners[found[:, 1]]
+    offsets, halves = np.einsum("ij,ij->i", normals, corners[triangles[:, 0]]), 0.5 * np.linalg.norm(b - a, axis=1)
+    return Polytope(corners, triangles, normals, offsets, found, 0.5 * (a + b), halves, hull.rounding)
+
+
+def at_least(a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotation: Mat) -> float:
+    """A lower bound of the distance, by the planes of the faces [m]."""
+    p, q = rotation.T @ (a - position), rotation.T @ (b - position)
+    lowest = np.minimum(hull.normals @ p, hull.normals @ q) - hull.offsets
+    return float(lowest.max()) - radius - hull.rounding
 
 
 def to_polytope(a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotation: Mat) -> Found:
@@ -57,7 +69,7 @@ def _crosses(heights: Mat) -> bool:
     if ((heights > 0.0).all(axis=0)).any():
         return False
     first, last = 0.0, 1.0
-    for a, b in heights.T.tolist():
+    for a, b in heights[:, (heights > 0.0).any(axis=0)].T.tolist():
         if a > 0.0:
             first = max(first, a / (a - b))
         if b > 0.0:
@@ -66,31 +78,43 @@ def _crosses(heights: Mat) -> bool:
 
 
 def _outside(p: Vec, q: Vec, heights: Mat, hull: Polytope) -> Found:
-    best, normal, point = math.inf, np.zeros(3), p
-    for end, above in ((p, heights[0]), (q, heights[1])):
-        for k in np.flatnonzero(above > 0.0).tolist():
-            if above[k] < best and _over(k, end, hull):
-                best, normal, point = float(above[k]), -hull.normals[k], end
-    visible = heights.max(axis=0) > 0.0
-    for one, two, left, right in hull.edges:
-        if not (visible[left] or visible[right]):
-            continue
-        c, d = hull.corners[one], hull.corners[two]
+    best, u = (math.inf, np.zeros(3), p), q - p
+
+    def take(edge: int) -> None:
+        nonlocal best
+        c, d = hull.corners[hull.edges[edge, :2]]
         s, t = nearest(p, q, c, d)
-        at = p + s * (q - p)
+        at = p + s * u
         w = c + t * (d - c) - at
         length = math.sqrt(w @ w)
-        if TOUCHING < length < best:
-            best, normal, point = length, w / length, at
-    return (best, normal, point) if best < math.inf else _inside(p, q, hull)
+        if TOUCHING < length < best[0]:
+            best = length, w / length, at
+
+    lowest = heights.min(axis=0)
+    for edge in np.flatnonzero((hull.edges[:, 2:] == int(np.argmax(lowest))).any(axis=1)).tolist():
+        take(edge)  # those of the face that separates most are near
+    for end, above in ((p, heights[0]), (q, heights[1])):
+        near = np.flatnonzero((above > 0.0) & (above < best[0]))
+        for k in near[_over(near, end, hull)].tolist():
+            if above[k] < best[0]:
+                best = float(above[k]), -hull.normals[k], end
+    visible = heights.max(axis=0) > 0.0
+    size = float(u @ u)
+    w = hull.middles - p
+    share = np.clip(w @ u / size, 0.0, 1.0) if size > 0.0 else np.zeros(len(w))
+    off = np.linalg.norm(w - share[:, None] * u, axis=1) - hull.halves
+    shown = visible[hull.edges[:, 2]] | visible[hull.edges[:, 3]]
+    for edge in np.flatnonzero(shown & (off < best[0])).tolist():
+        take(edge)
+    return best if best[0] < math.inf else _inside(p, q, hull)
 
 
-def _over(face: int, p: Vec, hull: Polytope) -> bool:
-    """Return true if a point is in the prism above a triangle."""
-    ring = hull.corners[hull.triangles[face]]
-    return all(
-        float(cross(b - a, p - a) @ hull.normals[face]) >= 0.0 for a, b in zip(ring, np.roll(ring, -1, 0), strict=True)
-    )
+def _over(faces: Index, p: Vec, hull: Polytope) -> Mask:
+    """Return true for each triangle whose prism has a point in it."""
+    ring = hull.corners[hull.triangles[faces]]
+    along, off = np.roll(ring, -1, axis=1) - ring, p - ring
+    sides = np.einsum("nkj,nj->nk", cross(along, off), hull.normals[faces])
+    return np.asarray((sides >= 0.0).all(axis=1))
 
 
 def _inside(p: Vec, q: Vec, hull: Polytope) -> Found:
@@ -103,7 +127,7 @@ def _inside(p: Vec, q: Vec, hull: Polytope) -> Found:
     a, b = ends[:, k].tolist()
     best, outward = float(depths[k]), hull.normals[k]
     share = 0.5 if abs(b - a) <= TOUCHING * size else (1.0 if b < a else 0.0)
-    for one, two, *_ in hull.edges:
+    for one, two, *_ in hull.edges.tolist():
         c, d = hull.corners[one], hull.corners[two]
         w = cross(u, d - c)
         length = math.sqrt(float(w @ w))
@@ -118,4 +142,4 @@ def _inside(p: Vec, q: Vec, hull: Polytope) -> Found:
     return -best, -outward, p + share * u
 
 
-__all__ = ["Polytope", "polytope", "to_polytope"]
+__all__ = ["Polytope", "at_least", "polytope", "to_polytope"]

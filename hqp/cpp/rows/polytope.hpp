@@ -17,13 +17,13 @@ class Polytope {
     Vec3 middle{};
     for (const Vec3& corner : corners_) middle = middle + (1.0 / double(corners_.size())) * corner;
     for (std::size_t k = 0; k + 2 < triangles.size(); k += 3) {
-      Face face{triangles[k], triangles[k + 1], triangles[k + 2], {}, 0.0};
+      Face face{triangles[k], triangles[k + 1], triangles[k + 2], {}, {}, 0.0};
       const Vec3 &a = corners_[face.a], w = cross(corners_[face.b] - a, corners_[face.c] - a);
       face.normal = (1.0 / std::sqrt(dot(w, w))) * w;
       if (dot(face.normal, middle - a) > 0.0) std::swap(face.b, face.c), face.normal = -1.0 * face.normal;
       face.offset = dot(face.normal, a);
       const int number = static_cast<int>(faces_.size()), ring[4] = {face.a, face.b, face.c, face.a};
-      for (int i = 0; i < 3; ++i) add_edge(ring[i], ring[i + 1], number);
+      for (int i = 0; i < 3; ++i) face.edges[i] = add_edge(ring[i], ring[i + 1], number);
       faces_.push_back(face);
     }
     heights_.resize(faces_.size());
@@ -52,20 +52,26 @@ class Polytope {
  private:
   struct Face {
     int a, b, c;  // counter-clockwise from outside
+    int edges[3];
     Vec3 normal;
     double offset;
   };
   struct Edge {
     int a, b, left, right;  // corners, faces
+    Vec3 middle;
+    double half;  // of its length
   };
 
-  void add_edge(int a, int b, int face) {
-    for (Edge& edge : edges_)
-      if (edge.a == b && edge.b == a) {
-        edge.right = face;
-        return;
+  int add_edge(int a, int b, int face) {
+    const int count = static_cast<int>(edges_.size());
+    for (int k = 0; k < count; ++k)
+      if (edges_[k].a == b && edges_[k].b == a) {
+        edges_[k].right = face;
+        return k;
       }
-    edges_.push_back({a, b, face, face});
+    const Vec3 half = 0.5 * (corners_[b] - corners_[a]);
+    edges_.push_back({a, b, face, face, corners_[a] + half, std::sqrt(dot(half, half))});
+    return count;
   }
 
   static Segment moved(const Segment& one, const Vec3& origin, const Mat3& R) {
@@ -92,22 +98,35 @@ class Polytope {
 
   Distance outside(const Segment& own) const {
     Distance best{std::numeric_limits<double>::infinity(), {}, own.a};
+    std::size_t first = 0;  // the face that separates most: its edges are near
+    for (std::size_t k = 1; k < faces_.size(); ++k)
+      if (std::min(heights_[k][0], heights_[k][1]) > std::min(heights_[first][0], heights_[first][1])) first = k;
+    for (const int k : faces_[first].edges) take(edges_[k], own, best);
     for (std::size_t k = 0; k < faces_.size(); ++k)
       for (int i = 0; i < 2; ++i) {
         const double height = heights_[k][i];
         const Vec3& end = i ? own.b : own.a;
         if (height > 0.0 && height < best.value && above(faces_[k], end)) best = {height, -1.0 * faces_[k].normal, end};
       }
+    const Vec3 u = own.b - own.a;
+    const double size = dot(u, u), share = size > 0.0 ? 1.0 / size : 0.0;
     for (const Edge& edge : edges_) {
       if (!visible(edge.left) && !visible(edge.right)) continue;
-      const Segment line{corners_[edge.a], corners_[edge.b]};
-      double s, t;
-      Measure::nearest(own, line, s, t);
-      const Vec3 p = own.a + s * (own.b - own.a), w = line.a + t * (line.b - line.a) - p;
-      const double length = std::sqrt(dot(w, w));
-      if (length > Measure::kTouching && length < best.value) best = {length, (1.0 / length) * w, p};
+      const Vec3 w = edge.middle - own.a;
+      const Vec3 off = w - std::min(std::max(share * dot(w, u), 0.0), 1.0) * u;
+      const double reach = best.value + edge.half;
+      if (dot(off, off) < reach * reach) take(edge, own, best);
     }
     return best.value < std::numeric_limits<double>::infinity() ? best : inside(own);
+  }
+
+  void take(const Edge& edge, const Segment& own, Distance& best) const {
+    const Segment line{corners_[edge.a], corners_[edge.b]};
+    double s, t;
+    Measure::nearest(own, line, s, t);
+    const Vec3 p = own.a + s * (own.b - own.a), w = line.a + t * (line.b - line.a) - p;
+    const double length = std::sqrt(dot(w, w));
+    if (length > Measure::kTouching && length < best.value) best = {length, (1.0 / length) * w, p};
   }
 
   // The prism above a triangle.
