@@ -45,7 +45,7 @@ class Secular {
     for (int i = 0; i < m; ++i) {
       if (square_[i] <= kSquareRounding * largest) {
         square_[i] = 0.0;
-        if (std::abs(e[i]) > 1e-13 * size) met_ = false;
+        if (std::abs(e[i]) > kOnRow * size) met_ = false;
       } else {
         uncertain = uncertain || square_[i] < kShort * largest;
         const double u = e[i] / square_[i];
@@ -186,7 +186,7 @@ class Secular {
         for (int j = i + 1; j < m_; ++j) {
           double *a = M + i * ld, *b = M + j * ld;
           const double aa = dot_any(a, a, N), bb = dot_any(b, b, N), ab = dot_any(a, b, N);
-          if (std::abs(ab) <= 1e-15 * std::sqrt(aa * bb) || ab == 0.0) continue;
+          if (std::abs(ab) <= kLastDigits * std::sqrt(aa * bb) || ab == 0.0) continue;
           done = false;
           const double zeta = (bb - aa) / (2.0 * ab);
           const double t = (zeta > 0.0 ? 1.0 : -1.0) / (std::abs(zeta) + std::sqrt(1.0 + zeta * zeta));
@@ -228,7 +228,7 @@ class Secular {
       else high = mu;
       double next = mu + (price - psi) * phi / (psi * slope);
       if (!(next > low && next < high)) next = 0.5 * (low + high);
-      if (std::abs(next - mu) <= 1e-15 * mu) return next;
+      if (std::abs(next - mu) <= kLastDigits * mu) return next;
       mu = next;
     }
     return mu;

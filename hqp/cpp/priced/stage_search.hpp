@@ -414,7 +414,7 @@ class StageSearch {
   int first_in_the_way(const double* y, bool lowest, double& far) {
     int found = -1;
     rows_->at().step(aim_.data(), move_.data());
-    const double floor = 1e-12 * std::sqrt(dot_any(move_.data(), move_.data(), n_));
+    const double floor = kNoRate * std::sqrt(dot_any(move_.data(), move_.data(), n_));
     for (int i = 0; i < rows_->count(); ++i) {
       if (side_[i] != 0) continue;
       const StageRow& row = (*rows_)[i];
@@ -422,7 +422,7 @@ class StageSearch {
       const double bound = row.bound(rate_[i] > 0.0 ? 1 : -1), value = row.value(x_.data(), y, n_);
       if (std::isinf(bound) || (std::abs(rate_[i]) <= floor * row.size && !left(i, value, y))) continue;
       const double times = larger(0.0, (bound - value) / rate_[i]);
-      if (times < far - (lowest ? 1e-13 : 0.0)) {
+      if (times < far - (lowest ? kOnRow : 0.0)) {
         far = times;
         found = i;
       }

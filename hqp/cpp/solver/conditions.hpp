@@ -287,7 +287,7 @@ struct Conditions {
 
   // Return true if a row of a level has a direction: it is not left out, nor zero but for rounding.
   bool is_row(const Block& b, int r) const {
-    return table->kind[r] != kFree && table->norm[r] > larger(1e-13 * b.norm, b.rounding);
+    return table->kind[r] != kFree && table->norm[r] > larger(kDependent * b.norm, b.rounding);
   }
 
   bool is_active(int q) const { return state[q] == kOpen && side[q]; }
@@ -308,7 +308,7 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
-    reduced.solve(m, f, 1e-14 / shortest, more);
+    reduced.solve(m, f, kNoStep / shortest, more);
     scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kStill, kRounding / kSlop,
                               y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);

@@ -47,7 +47,7 @@ struct LevelAlongStep {
       const double newton = a - s / curvature;
       a = newton > low && newton < high ? newton : 0.5 * (low + high);
     }
-    return a < alpha * (1.0 - 1e-12) ? a : alpha;
+    return a < alpha * (1.0 - kNoRate) ? a : alpha;
   }
 };
 

@@ -44,7 +44,6 @@ class LevelSearch {
 
  private:
   static constexpr int kPasses = 4;       // over all levels
-  static constexpr int kTurns = 400;      // non-negative least squares a level
   static constexpr int kIdle = 3;         // steps without progress that end a level with a passing gap
   static constexpr int kLast = 16;        // steps without progress that end any level
   static constexpr double kGain = 1e-10;  // least progress, relative to ||w_k||
@@ -78,7 +77,7 @@ class LevelSearch {
   double lower_level(int k, double own) {
     double least = kInfinity, nearest = own;
     int stalls = 0;
-    for (int turn = 0; turn < kTurns && own > kGoal && !spent(); ++turn) {
+    while (own > kGoal && !spent()) {
       kept_count_ = 0;
       for (int a = 0; a < at_.active; ++a)
         if (at_.columns.passive[a]) kept_[kept_count_++] = at_.id[a];
@@ -163,14 +162,14 @@ class LevelSearch {
   // d: least squares over the rows of the level that miss or are equalities, in the null space of fixed and kept rows.
   bool direction(int k) {
     const int base = at_.null_space.rank, m = at_.set_face(k, kept_, kept_count_), f = at_.null_space.freedom();
-    const double reach = f ? at_.reduced.solve(m, f, 1e-14 / at_.shortest) : 0.0;
+    const double reach = f ? at_.reduced.solve(m, f, kNoStep / at_.shortest) : 0.0;
     for (int i = 0; i < at_.null_space.rank; ++i) d_[i] = 0.0;
     for (int j = 0; j < f; ++j) d_[at_.null_space.rank + j] = at_.reduced.z[j];
     at_.null_space.lift(d_);
     at_.null_space.rank = base;
     double most = 0.0;
     for (int i = 0; i < m; ++i) most = larger(most, at_.extent(k, at_.order[i]));
-    return reach > 1e-14 * most;
+    return reach > kNoStep * most;
   }
 
   // Step length along d, at most 1: the open row that blocks, or where the level is lowest (blocking = -1).
@@ -205,7 +204,7 @@ class LevelSearch {
         blocking = q;
         alpha = larger(room, 0.0) / slope;
       }
-    const double bottom = LevelAlongStep{t, t.block[k], at_.v + at_.n, dv_ + at_.n}.lowest(alpha, 1e-13);
+    const double bottom = LevelAlongStep{t, t.block[k], at_.v + at_.n, dv_ + at_.n}.lowest(alpha, kOnRow);
     if (bottom < alpha) blocking = -1;
     return bottom;
   }

@@ -60,11 +60,11 @@ struct Multipliers {
       if (!pending()) break;
       gradient(k);
       sweep_above(k, lambda);
-      const double least = norm * ((0.1 * tolerance) * length + 1e-15 * norm * span);
-      const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
+      const double least = norm * ((0.1 * tolerance) * length + kLastDigits * norm * span);
+      const double limit = norm * ((tolerance + kLastDigits * tableau->growth) * length + kLastDigits * norm * span);
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
-      faint_ = 1e-13 * norm * length;
+      faint_ = kOnRow * norm * length;
       clear_ = larger(larger(1e-9, 10.0 * tolerance * tableau->growth) * norm * length, refined ? least : limit);
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
@@ -98,7 +98,7 @@ struct Multipliers {
       missed = missed || (w[r] != 0.0 && !met(r, W, span));
     }
     if (missed) return std::sqrt(square);
-    const double rounding = 1e-3 * tolerance + 1e-15 * tableau->growth;
+    const double rounding = 1e-3 * tolerance + kLastDigits * tableau->growth;
     doubted = doubted || std::sqrt(square) > rounding * b.norm * t.largest(tableau->x);
     for (int r = b.begin; r < b.end; ++r) w[r] = 0.0;
     return 0.0;
@@ -181,7 +181,7 @@ struct Multipliers {
       }
       const double size = std::fabs(w[r]);
       const bool zero = met(r, W, span);
-      doubted = doubted || (size > 1e-13 * length && (zero || size < unclear));
+      doubted = doubted || (size > kOnRow * length && (zero || size < unclear));
       if (zero) {
         open[left++] = r;
         continue;

@@ -53,7 +53,7 @@ class NonnegativeLeastSquares {
       mu[a] = 0.0;
       passive[a] = skip_[a] = 0;
     }
-    const double enough = 1e-15 * most;
+    const double enough = kLastDigits * most;
     double length = norm(rest);
     for (int turn = 0; turn < 3 * (count + size) && count && !late(); ++turn) {
       int best = -1;
@@ -75,7 +75,7 @@ class NonnegativeLeastSquares {
       back_off();
       const double before = length;
       length = update_rest();
-      if (length < before * (1.0 - 1e-14))
+      if (length < before * (1.0 - kNoStep))
         for (int a = 0; a < count; ++a) skip_[a] = 0;
       else skip_[best] = 1;
     }

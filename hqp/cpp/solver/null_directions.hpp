@@ -65,7 +65,7 @@ class NullDirections {
   // Remove entries of a row of block k that only rounding can have caused; entries as small as the row's own rounding
   // stay.
   void clean_row(int k, double* unit) const {
-    if (count_ && unseeing_[k] && along(unit) > kOwn) clean(k, unit);
+    if (count_ && unseeing_[k] && along(unit) > kLastDigits) clean(k, unit);
   }
 
   // Clean a sum of rows equally.
@@ -76,7 +76,6 @@ class NullDirections {
 
  private:
   static constexpr double kUnseenByMetric = 1e-8;  // share of the longest row of the metric's root
-  static constexpr double kOwn = 1e-15;            // rounding of a row of unit length: its own rounding
   NullSpace space_;
   int n_ = 0, ld_ = 0, count_ = 0;
   bool known_ = false;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dense.hpp"
+#include "tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -75,9 +76,8 @@ class SoftRows {
   }
 
  private:
-  static constexpr double kStill = 1e-9;      // a step after which the rows that count as exceeded are certain
-  static constexpr double kShrinks = 0.1;     // share of the step before: a longer one on the same rows is rounding
-  static constexpr double kRounding = 1e-15;  // of a row, relative to its terms
+  static constexpr double kStill = 1e-9;   // a step after which the rows that count as exceeded are certain
+  static constexpr double kShrinks = 0.1;  // share of the step before: a longer one on the same rows is rounding
   static constexpr int kRounds = 100, kHalvings = 60;
 
   const double* row(int k) const { return &rows_[static_cast<std::size_t>(k) * free_]; }
@@ -100,7 +100,7 @@ class SoftRows {
     for (int k = 0; k < count_; ++k) {
       if (side_[k] && side_[k] * ((value_[k] - bound(k)) + slope_[k]) >= 0.0) continue;
       const double there = value_[k] + slope_[k], out = off(k, there);
-      const double rounding = kRounding * (std::fabs(base_[k]) + std::fabs(there));
+      const double rounding = kLastDigits * (std::fabs(base_[k]) + std::fabs(there));
       const int now = out > rounding ? 1 : out < -rounding ? -1 : 0;
       other = other || now != side_[k];
       side_[k] = now;
@@ -112,7 +112,7 @@ class SoftRows {
   // rounding.
   void pass(double far) {
     for (int k = 0; k < count_; ++k) {
-      const double slope = slope_[k], end = far * (1.0 + kRounding);
+      const double slope = slope_[k], end = far * (1.0 + kLastDigits);
       if (slope == 0.0) continue;
       const double up = (high_[k] - value_[k]) / slope, down = (low_[k] - value_[k]) / slope;
       const bool above = slope > 0.0 ? up <= end : up > end, below = slope > 0.0 ? down > end : down <= end;

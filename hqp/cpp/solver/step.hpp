@@ -152,9 +152,9 @@ class Step {
       nearest = table_.unequal[q];
     }
     if (nearest < 0) return;
-    const double bottom = LevelAlongStep{table_, table_.block[level], point_.v, dv_}.lowest(obstacle.at, 1e-12);
-    if (bottom > 1e-12 && bottom < obstacle.at) obstacle = {bottom, -1, -1};
-    else if (bottom <= 1e-12 && first <= obstacle.at) obstacle = {first, nearest, -1};
+    const double bottom = LevelAlongStep{table_, table_.block[level], point_.v, dv_}.lowest(obstacle.at, kNoRate);
+    if (bottom > kNoRate && bottom < obstacle.at) obstacle = {bottom, -1, -1};
+    else if (bottom <= kNoRate && first <= obstacle.at) obstacle = {first, nearest, -1};
   }
 };
 

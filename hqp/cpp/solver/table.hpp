@@ -147,7 +147,7 @@ struct Table {
   // long x, such as the acceleration of a light gripper by all torques, would else pass far outside.
   bool is_over(int r, double over, double bound, double size, const double* x) const {
     if (!(over > 0.0) || over > slackness(r, bound, size)) return over > 0.0;
-    const double own = std::fabs(bound) + terms(r, x), rounding = 1e-15 * norm[r] * size;
+    const double own = std::fabs(bound) + terms(r, x), rounding = kLastDigits * norm[r] * size;
     return over > tolerance * own + rounding;
   }
 

@@ -171,7 +171,7 @@ struct Tableau {
 
   // Directions of a level that are no longer than this count as none.
   double zero(int k) const {
-    return trusting ? shortest(k) : larger(shortest(k), 1e-14 * growth * table->block[k].norm);
+    return trusting ? shortest(k) : larger(shortest(k), kNoStep * growth * table->block[k].norm);
   }
 
   // Shortest direction without magnified rounding.
