@@ -148,12 +148,17 @@ def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[
         p, R = bodies[0][:, capsule.body], bodies[1][:, capsule.body]
         ends.append((p + R @ np.array(capsule.a), p + R @ np.array(capsule.b)))
     least, lowest = np.full(n, np.inf), np.full(n, np.inf)
-    for (i, j), kept in zip(pairs, found.clearance.tolist(), strict=True):
+    for row, ((i, j), kept) in enumerate(zip(pairs, found.clearance.tolist(), strict=True)):
         apart = segments(*ends[i], *ends[j]) - capsules[i].radius - capsules[j].radius
+        if found.is_hull(j):  # so far it is the distance from a capsule around it
+            body = capsules[j].body
+            for k in np.flatnonzero(apart - kept < least):
+                axis, place = (ends[i][0][k], ends[i][1][k]), (bodies[0][k, body], bodies[1][k, body])
+                apart[k] = found.measure(row, np.zeros((0, 4, 4)), axis, place)[0]
         least = np.minimum(least, apart - kept)
     above = set(stacks.links)
-    for capsule, (a, b) in zip(capsules, ends, strict=True):
-        if capsule.name in above:
+    for each, (capsule, (a, b)) in enumerate(zip(capsules, ends, strict=True)):
+        if capsule.name in above and not found.is_hull(each):
             lowest = np.minimum(lowest, np.minimum(a[:, 2], b[:, 2]) - capsule.radius)
     return least, lowest
 
