@@ -89,7 +89,7 @@ paper:
 	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
 # Sessions in C++: recorded loops give equal bits, without an allocation; G1 stands in MuJoCo's C library in real
-# time; the kernel alone agrees to 1e-12; a program and the ros2_control controller move an arm as Python does.
+# time and walks with Python's bits; the kernel alone agrees to 1e-12; a program and the ros2_control controller move an arm as Python does.
 REPLAYED := build/replay
 SHIFT := 0.05 0 0.1
 test-cpp: setup
@@ -102,12 +102,14 @@ test-cpp: setup
 	build/session/ros_controller build/cpp/ur5.hqp hand $(SHIFT) | diff - build/cpp/ur5.txt
 	$(BIN)/python examples/cpp/record.py build/cpp/g1.bin
 	$(BIN)/python examples/cpp/standing.py build/cpp
+	$(BIN)/python examples/cpp/walking.py build/cpp
 	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
 	    -Dmujoco_DIR=$$($(BIN)/python -c "import mujoco, os; print(os.path.dirname(mujoco.__file__))") > build/cpp/configure.log
 	cmake --build build/cpp
 	build/cpp/replay build/cpp/g1.bin 1e-12
 	build/cpp/follow build/cpp/ur5.hqp hand $(SHIFT) | diff - build/cpp/ur5.txt
 	printf 'right 0.05 0 0.1\nleft 0 0 0.05\n' | build/cpp/standing build/cpp 3
+	build/cpp/walking build/cpp
 
 # The kernel for ARM, compiled here and run under emulation: answers equal those of this machine.
 # On Debian: apt-get install --no-install-recommends g++-aarch64-linux-gnu qemu-user-static

@@ -468,3 +468,45 @@ class FeetEstimator:
     def __init__(self, tree: object, q: Vec) -> None: ...
     def update(self, q: Vec, v: Vec, specific_force: Vec, loads: Vec, found_q: Vec, found_v: Vec) -> None:
         """Write the state with the estimated base."""
+
+class Walkers:
+    """Walkers from the bytes of a file over threads, see ``walking.Walkers``."""
+
+    phases: list[int]
+    supports: list[str]
+    velocities: list[_Velocity]
+    sizes: tuple[int, int, int]
+    state: tuple[int, int]
+    threads: int
+    counters: tuple[int, int, int, int, int, int, float, float]
+
+    def __init__(self, file: builtins.bytes, count: int, threads: int, key: builtins.bytes) -> None: ...
+    def step(
+        self,
+        q: Mat,
+        v: Mat,
+        loads: Mat | None,
+        commands: Mat,
+        status: NDArray[int32],
+        residuals: Mat,
+        x: Mat,
+    ) -> None:
+        """Run a tick of all worlds, without the interpreter lock."""
+
+    def go(self, world: int, forward: float, left: float, turn: float) -> None:
+        """Walk at the nearest velocity that steps follow."""
+
+    def stop(self, world: int) -> None:
+        """Come to stand."""
+
+    def halt(self, world: int, reason: str) -> None:
+        """End the walk, then hold until ``resume``."""
+
+    def resume(self, world: int) -> None:
+        """End a halt."""
+
+    def reset(self, world: int) -> None:
+        """Return to the initial state."""
+
+    def why(self, world: int) -> list[str]:
+        """Return the reasons of a command's differences."""

@@ -17,31 +17,7 @@
 #include <mujoco/mujoco.h>
 #include <session.hpp>
 
-// MuJoCo's numbers in the session's order: quaternions x y z w, the base's linear velocity in its own axes.
-struct Map {
-  std::vector<int> place, column, motor;  // by joint
-
-  Map(const mjModel* m, const std::vector<std::string>& joints) {
-    for (const std::string& name : joints) {
-      const int joint = mj_name2id(m, mjOBJ_JOINT, name.c_str());
-      const int* end = m->actuator_trnid + 2 * m->nu;
-      int driven = 0;
-      for (const int* a = m->actuator_trnid; a != end && *a != joint; a += 2) ++driven;
-      if (joint < 0 || driven == m->nu) std::fprintf(stderr, "no motor for %s\n", name.c_str()), std::exit(2);
-      place.push_back(m->jnt_qposadr[joint]), column.push_back(m->jnt_dofadr[joint]), motor.push_back(driven);
-    }
-  }
-  void state(const mjData* d, double* q, double* v) const {
-    const double* turn = d->qpos + 3;
-    double back[4];
-    mju_negQuat(back, turn);
-    std::copy(d->qpos, d->qpos + 3, q);
-    std::copy(turn + 1, turn + 4, q + 3), q[6] = turn[0];
-    mju_rotVecQuat(v, d->qvel, back);
-    std::copy(d->qvel + 3, d->qvel + 6, v + 3);
-    for (std::size_t i = 0; i < place.size(); ++i) q[7 + i] = d->qpos[place[i]], v[6 + i] = d->qvel[column[i]];
-  }
-};
+#include "mujoco_map.hpp"
 
 // Lines that have come so far, without waiting for more.
 struct Input {
@@ -69,9 +45,7 @@ int main(int argc, char** argv) {
   hqp::Session session = hqp::load(folder + "/g1.hqp");  // all memory is taken here
   const Map map(model, session.joint_names());
   std::vector<double> q = session.home(), v(std::size_t(session.nv()), 0.0);
-  std::copy(q.begin(), q.begin() + 3, data->qpos);
-  data->qpos[3] = q[6], std::copy(q.begin() + 3, q.begin() + 6, data->qpos + 4);
-  for (std::size_t i = 0; i < map.place.size(); ++i) data->qpos[map.place[i]] = q[7 + i];
+  map.put(data, q.data());
   mj_step1(model, data);
 
   const char* const names[] = {"left", "right"};
@@ -107,7 +81,7 @@ int main(int argc, char** argv) {
       ++unsolved;
       for (const hqp::Note& note : tick.notes()) std::fprintf(stderr, "%s: %s\n", note.element, note.text().c_str());
     }
-    for (std::size_t j = 0; j < map.motor.size(); ++j) data->ctrl[map.motor[j]] = tick.command()[j];
+    map.drive(data, tick.command().data());
     mj_step2(model, data);
     mj_step1(model, data);
     next += std::chrono::microseconds(1000);

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from hqp.arrays import Vec
 from hqp.declare.element import Constraint, Element, Inequality, has
 from hqp.declare.fingerprint import fingerprint
@@ -112,12 +114,19 @@ class Writer:
         _require_native(compiled, robot)
         state = robot.state(robot.home)
         program.begin_direct(state, {element.name: element.hold(state) for element in compiled.stack})
+        parts = program.parts()
+        none = np.zeros(0)
+        parts["slots"] = [*parts["slots"]] + [
+            {"name": name, "target": target, "shape": target.shape, "normal": None, "rate": none, "feedforward": none,
+             "plain": 0, "operation": None}
+            for name, target in program.targets_in_file.items()
+        ]  # fmt: skip
         moving = {"joints": robot.tree_joints, "frames": robot.placed_frames, "twists": robot.joint_twists}
         laws = {
             phase: {name: law for name, law in of.items() if name in compiled.stack} for phase, of in self._laws.items()
         }
         tree = {
-            **_tree(compiled, state, {**program.parts(), **moving, "bodies": robot.bodies}),
+            **_tree(compiled, state, {**parts, **moving, "bodies": robot.bodies}),
             **_phases(compiled, laws),
             "guards": {**compiled.guards, "deadline": self._session.deadline},
             "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
@@ -217,7 +226,8 @@ def _element(element: Element, compiled: Compiled, home: State) -> dict[str, Any
     """Places of an element's rows, and their treatment if unusable."""
     program, name, robot = compiled.program, element.name, compiled.robot
     held = None
-    if name in program.live_targets and (value := element.hold(home).value) is not None:
+    targets = {**program.live_targets, **program.targets_in_file}
+    if name in targets and (value := element.hold(home).value) is not None:
         held = [float(x) for x in value.ravel()]
     place, member = program.places.get(name), program.assembly.members.get(name)
     constant = None

@@ -168,11 +168,15 @@ def text(
     sequence: Sequence | None = None,
     key: bytes | None = None,
     stacks: Mapping[str, Stack] | None = None,
+    more: Mapping[str, Any] | None = None,
 ) -> bytes:
-    """The file of a session; equal declarations give equal bytes.  key: signs it, None for no signature."""
+    """The file of a session; equal declarations give equal bytes.
+
+    key: signs it, None for no signature.  more: further parts of the file.
+    """
     secret = key_bytes(key)
     tree, scratch = document(session, sequence, stacks)
-    found, buffers = plain(tree, scratch)
+    found, buffers = plain({**tree, **(more or {})}, scratch)
     body = json.dumps({**found, "buffers": buffers}, separators=(",", ":"), allow_nan=False).encode()
     head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}"
     signature = f", hmac {hmac.digest(secret, body, 'sha256').hex()}" if secret else ""
@@ -193,11 +197,12 @@ def write(
     sequence: Sequence | None = None,
     key: bytes | None = None,
     stacks: Mapping[str, Stack] | None = None,
+    more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the file of a session, all of it or nothing."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
-    beside.write_bytes(text(session, sequence, key, stacks))
+    beside.write_bytes(text(session, sequence, key, stacks, more))
     os.replace(beside, target)
 
 

@@ -107,6 +107,11 @@ class Program(ABC):
         return self.assembly.errors
 
     @property
+    def targets_in_file(self) -> dict[str, Vec]:
+        """Buffers of further targets that native code reads in a file, by element name."""
+        return {}
+
+    @property
     def live_targets(self) -> dict[str, Mat]:
         """Buffers of targets that native code reads, by element name."""
         members = self.assembly.members.items()

@@ -257,6 +257,11 @@ class Forces:
         self._free()
 
     @property
+    def shares(self) -> dict[str, Vec]:
+        """The live number of each LoadShare ``(1,)``, by name."""
+        return {shared.element.name: shared.share for shared in self._shared}
+
+    @property
     def sizes(self) -> dict[str, int]:
         """Size of the target of each equality, by name."""
         apart = {shared.element.name: 1 for shared in self._shared}

@@ -355,6 +355,11 @@ class TorqueProgram(Program):
         """Buffers of targets that native code reads, by element name."""
         return {**super().live_targets, **self.loads.live}
 
+    @property
+    def targets_in_file(self) -> dict[str, Vec]:
+        """Shares of loads: Python writes them in its sessions, native code in those of a file."""
+        return self._forces.shares
+
     def took(self, state: State | None, references: Sequence[Reference]) -> None:
         """A native tick has filled the rows, for a state and with these references."""
         self._state = state

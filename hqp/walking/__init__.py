@@ -10,6 +10,7 @@ from hqp.walking.stacks import Laws, Stacks
 from hqp.walking.stance import borne, standing
 from hqp.walking.swing import Swing
 from hqp.walking.walker import Walker
+from hqp.walking.walkers import Walkers
 
 __all__ = [
     "Command",
@@ -25,6 +26,7 @@ __all__ = [
     "Swing",
     "Walk",
     "Walker",
+    "Walkers",
     "adjust",
     "borne",
     "capture_point",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from hqp.errors import DeclarationError
 from hqp.estimation.feet import feet_tree
 from hqp.estimation.rotations import about_vertical
 from hqp.loop.controller import Controller
+from hqp.loop.file import write
 from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits
 from hqp.torque.program import Torque
@@ -111,11 +113,13 @@ class Walker:
         self.max_age = max_age
         """Oldest state that is accepted [s], None for any."""
         self.session.ending = self._end
+        self._swings = tuple(pose.name for pose in stacks.swing)
+        self._soles = tuple(sole.name for sole in stacks.soles)
+        parts = stacks.balance, stacks.height, stacks.trunk, stacks.share
+        self._elements = *(part.name for part in parts), *self._swings, *self._soles
         self._laws, self._twin = laws, robot.copy()  # native kinematics write its arrays
         self._native = _session.Walker(self.tree(self._twin))
         self._state = self._native.state
-        self._swings = tuple(pose.name for pose in stacks.swing)
-        self._soles = tuple(sole.name for sole in stacks.soles)
 
     def tree(self, robot: Any) -> dict[str, Any]:
         """Parts of the native walker over the arrays of a copy of the robot."""
@@ -135,7 +139,8 @@ class Walker:
             **feet, "soles": soles, "dt": self.dt, "gait": self.gait.numbers, "reach": astuple(self.footsteps.reach),
             "planned": self.ability.reach.forward, "width": self.footsteps.width, "height": self.height,
             "gravity": self.ability.gravity, "omega": self.omega, "pendulum": both.omega(home),
-            "k": self._laws.balance.k, "weight": self.weight, "upright": upright.ravel().tolist(),
+            "start": self.start.tolist(), "elements": self._elements, "k": self._laws.balance.k,
+            "weight": self.weight, "upright": upright.ravel().tolist(),
             "limits": robot.effort_limit[robot.actuated].tolist(),
         }  # fmt: skip
 
@@ -240,6 +245,13 @@ class Walker:
         if self.walking:
             twin.go(*astuple(self.command))
         return predict(twin, seconds, fps)
+
+    def export(self, path: str | Path, *, key: bytes | None = None) -> None:
+        """Write walker and session to a file: for C++ without Python (``WalkingSession``) and for ``Walkers.load``.
+
+        key: see ``Session.export``, with its errors.
+        """
+        write(self.session, path, key=key, more={"walker": self.tree(self.robot.copy())})
 
     # ----------------------------------------------------------------------------------------------- loop
 

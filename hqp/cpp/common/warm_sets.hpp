@@ -41,6 +41,12 @@ class WarmSets {
     for (WarmState& state : states_) state.clear();
     now_ = kNone, known_ = 0;
   }
+  std::size_t bytes() const {
+    std::size_t sum = 0;
+    for (const WarmState& state : states_) sum += state.bytes();
+    for (const Out& set : sets_) sum += set.capacity() / 8;
+    return sum;
+  }
 
  private:
   static constexpr std::size_t kMost = 32;  // sets that are kept; others go on where the one before them ended

@@ -201,6 +201,7 @@ class LevelSolve final : public SolveCall {
     sets_.turn(*this, out);
   }
   void make_room(std::size_t elements) { sets_.make_room(*this, elements); }  // for all sets of these
+  WarmSets& sets() { return sets_; }
   void reset() {
     exact_.reset(false);
     for (const auto& [level, prefix] : prefixes_) prefix->reset(false);

@@ -37,21 +37,47 @@ class Batch {
   // (count, n) unless it is null.
   void step(const double* q, const double* v, const std::vector<BatchTarget>& targets, double* commands,
             std::int32_t* status, double* residuals, double* x) {
+    run({status, residuals, x}, [&](std::size_t, Stacks& session, std::size_t i) -> const Tick& {
+      for (const BatchTarget& target : targets)
+        session.offer(target.element, target.what, target.values + i * target.size, target.size);
+      const Line& line = session.current().line();
+      const Tick& tick = session.step(q + i * std::size_t(line.nq()), v + i * std::size_t(line.nv()));
+      std::copy(tick.command().begin(), tick.command().end(), commands + i * tick.command().size());
+      return tick;
+    });
+  }
+
+  struct Written {
+    std::int32_t* status;
+    double *residuals, *x;
+  };
+  // One tick of each world i by one(thread, session, i), which returns it.
+  template <class One>
+  void run(const Written& written, const One& one) {
     std::atomic<std::size_t> next{0};
-    const auto work = [&](Stacks& session) {
+    const auto work = [&](std::size_t thread) {
+      Stacks& session = *sessions_[thread];
       for (std::size_t from; (from = next.fetch_add(kChunk)) < worlds_.size();)
-        for (std::size_t i = from; i < std::min(from + kChunk, worlds_.size()); ++i)
-          one(session, i, q, v, targets, commands, status, residuals, x);
+        for (std::size_t i = from; i < std::min(from + kChunk, worlds_.size()); ++i) {
+          session.load(worlds_[i]);
+          const Tick& tick = one(thread, session, i);
+          double* const levels = written.residuals + i * session.levels();
+          std::fill(std::copy(tick.residuals().begin(), tick.residuals().end(), levels), levels + session.levels(),
+                    0.0);
+          if (written.x) std::copy(tick.x().begin(), tick.x().end(), written.x + i * tick.x().size());
+          written.status[i] = static_cast<std::int32_t>(tick.status());
+          session.store(worlds_[i]);
+        }
     };
     std::vector<std::thread> others;
     for (std::size_t k = 1; k < sessions_.size(); ++k) {
       try {
-        others.emplace_back(work, std::ref(*sessions_[k]));
+        others.emplace_back(work, k);
       } catch (const std::system_error&) {
         break;  // run with fewer threads
       }
     }
-    work(*sessions_[0]);
+    work(0);
     for (std::thread& other : others) other.join();
   }
 
@@ -73,7 +99,7 @@ class Batch {
   }
   std::size_t count() const { return worlds_.size(); }
   std::size_t threads() const { return sessions_.size(); }
-  Stacks& session() { return *sessions_[0]; }
+  Stacks& session(std::size_t thread = 0) { return *sessions_[thread]; }
   std::size_t bytes() const {  // memory of all worlds
     std::size_t sum = 0;
     for (const auto& world : worlds_) sum += world.bytes();
@@ -81,22 +107,7 @@ class Batch {
   }
 
  private:
-  static constexpr std::size_t kChunk = 16;
-
-  void one(Stacks& session, std::size_t i, const double* q, const double* v, const std::vector<BatchTarget>& targets,
-           double* commands, std::int32_t* status, double* residuals, double* x) {
-    session.load(worlds_[i]);
-    for (const BatchTarget& target : targets)
-      session.offer(target.element, target.what, target.values + i * target.size, target.size);
-    const Line& line = session.current().line();
-    const Tick& tick = session.step(q + i * std::size_t(line.nq()), v + i * std::size_t(line.nv()));
-    std::copy(tick.command().begin(), tick.command().end(), commands + i * tick.command().size());
-    double* const levels = residuals + i * session.levels();
-    std::fill(std::copy(tick.residuals().begin(), tick.residuals().end(), levels), levels + session.levels(), 0.0);
-    if (x) std::copy(tick.x().begin(), tick.x().end(), x + i * tick.x().size());
-    status[i] = static_cast<std::int32_t>(tick.status());
-    session.store(worlds_[i]);
-  }
+  static constexpr std::size_t kChunk = 16;  // worlds that a thread takes at a time
 
   std::vector<World> worlds_;
   std::vector<std::unique_ptr<Stacks>> sessions_;

@@ -12,6 +12,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "../walking/binding.hpp"
+#include "../walking/walkers.hpp"
 #include "batch.hpp"
 #include "live.hpp"
 #include "node.hpp"
@@ -212,6 +213,74 @@ class Worlds {
   hqp::Batch batch_;
 };
 
+// Worlds with a walker each.
+class WalkingWorlds {
+ public:
+  WalkingWorlds(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
+      : walkers_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
+  WalkingWorlds(const WalkingWorlds&) = delete;
+
+  void step(const Table& q, const Table& v, const std::optional<Table>& loads, const OutTable& commands,
+            const Statuses& status, const OutTable& residuals, const OutTable& x) {
+    const auto [motors, variables, levels] = sizes();
+    const auto [nq, nv] = state();
+    const auto fits = [&](const auto& table, std::size_t width) {
+      return table.shape(0) == walkers_.batch().count() && table.shape(1) == width;
+    };
+    if (!fits(q, std::size_t(nq)) || !fits(v, std::size_t(nv)) || (loads && !fits(*loads, 2)) ||
+        !fits(commands, motors) || !fits(residuals, levels) || !fits(x, variables) ||
+        status.shape(0) != walkers_.batch().count())
+      throw nb::value_error("an array has the wrong number of worlds or columns");
+    const nb::gil_scoped_release release;
+    walkers_.step(q.data(), v.data(), loads ? loads->data() : nullptr, commands.data(),
+                  {status.data(), residuals.data(), x.data()});
+  }
+  void go(std::size_t i, double forward, double left, double turn) { walkers_.go(checked(i), {forward, left, turn}); }
+  void stop(std::size_t i) { walkers_.stop(checked(i)); }
+  void halt(std::size_t i, const std::string& reason) { walkers_.halt(checked(i), reason); }
+  void resume(std::size_t i) { walkers_.resume(checked(i)); }
+  void reset(std::size_t i) { walkers_.reset(checked(i)); }
+  std::vector<std::string> why(std::size_t i) const { return walkers_.walker(checked(i)).why(); }
+  std::vector<int> phases() const {
+    std::vector<int> found;
+    for (std::size_t i = 0; i < count(); ++i) found.push_back(int(walkers_.walker(i).state().phase));
+    return found;
+  }
+  std::vector<std::string> supports() const {
+    std::vector<std::string> found;
+    for (std::size_t i = 0; i < count(); ++i) found.emplace_back(walkers_.walker(i).support());
+    return found;
+  }
+  std::vector<std::tuple<double, double, double>> velocities() const {
+    std::vector<std::tuple<double, double, double>> found;
+    for (std::size_t i = 0; i < count(); ++i) {
+      const hqp::Command& command = walkers_.walker(i).state().command;
+      found.emplace_back(command.forward, command.left, command.turn);
+    }
+    return found;
+  }
+  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
+    const hqp::Stacks& session = walkers_.batch().session();
+    return {session.tick().command().size(), session.tick().x().size(), session.levels()};
+  }
+  std::tuple<int, int> state() {
+    const hqp::Line& line = walkers_.batch().session().current().line();
+    return {line.nq(), line.nv()};
+  }
+  std::size_t count() const { return walkers_.count(); }
+  std::size_t threads() const { return walkers_.threads(); }
+  nb::tuple counters() const { return counters_of(walkers_.counters()); }
+
+ private:
+  std::size_t checked(std::size_t i) const {
+    if (i >= count())
+      throw nb::index_error(("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(count() - 1)).c_str());
+    return i;
+  }
+
+  hqp::Walkers walkers_;
+};
+
 }  // namespace
 
 NB_MODULE(_session, module) {
@@ -274,6 +343,24 @@ NB_MODULE(_session, module) {
       .def_prop_ro("state", &Worlds::state)
       .def_prop_ro("threads", &Worlds::threads)
       .def_prop_ro("bytes", &Worlds::bytes);
+  nb::class_<WalkingWorlds>(module, "Walkers")
+      .def(nb::init<const nb::bytes&, std::size_t, std::size_t, const nb::bytes&>(), "file"_a, "count"_a, "threads"_a,
+           "key"_a)
+      .def("step", &WalkingWorlds::step, "q"_a, "v"_a, "loads"_a.none(), "commands"_a.noconvert(),
+           "status"_a.noconvert(), "residuals"_a.noconvert(), "x"_a.noconvert())
+      .def("go", &WalkingWorlds::go, "world"_a, "forward"_a, "left"_a, "turn"_a)
+      .def("stop", &WalkingWorlds::stop, "world"_a)
+      .def("halt", &WalkingWorlds::halt, "world"_a, "reason"_a)
+      .def("resume", &WalkingWorlds::resume, "world"_a)
+      .def("reset", &WalkingWorlds::reset, "world"_a)
+      .def("why", &WalkingWorlds::why, "world"_a)
+      .def_prop_ro("phases", &WalkingWorlds::phases)
+      .def_prop_ro("supports", &WalkingWorlds::supports)
+      .def_prop_ro("velocities", &WalkingWorlds::velocities)
+      .def_prop_ro("sizes", &WalkingWorlds::sizes)
+      .def_prop_ro("state", &WalkingWorlds::state)
+      .def_prop_ro("threads", &WalkingWorlds::threads)
+      .def_prop_ro("counters", &WalkingWorlds::counters);
   nb::class_<Session>(module, "Session")
       .def(nb::init<const nb::bytes&, const nb::bytes&>(), "file"_a, "key"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert(),

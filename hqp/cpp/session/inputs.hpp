@@ -27,6 +27,7 @@ class Inputs {
         presence_(root, line.members()),
         laws_(root, line, presence_.names().size()),
         out_(line.members().size(), false),
+        absent_(out_.size(), 0),
         named_(out_.size(), false),
         naming_(out_.size(), false) {}
 
@@ -100,7 +101,7 @@ class Inputs {
   void adopt(const Inputs& other) { references_.adopt(other.references_, naming_); }
   // Let all elements into the rows: another session of the stack writes into them.
   void all_in() {
-    out_.assign(out_.size(), false);
+    out_.assign(out_.size(), false), absent_.assign(out_.size(), 0);
     line_.go_without(out_), attended_ = false;
   }
   // Take the presence of all elements anew in the next tick: another session may have written into the rows.
@@ -111,15 +112,20 @@ class Inputs {
     references_.forget_all(), presence_.forget_all();
     laws_.reset();
   }
-  void keep(CarryOver& state) { contacts_.keep(state), references_.keep(state), presence_.keep(state); }
+  void keep(CarryOver& state) {
+    contacts_.keep(state), references_.keep(state), presence_.keep(state);
+    state.take(absent_.data(), absent_.size());
+  }
 
  private:
   // Switch elements off and on for this tick; returning elements hold their present value.
   template <class Report>
   void switch_to(const Presence::Out& wanted, const Report& report) {
-    if (wanted == out_ && attended_) return;
+    const bool kept =
+        attended_ && std::equal(out_.begin(), out_.end(), absent_.begin());  // the rows' world is this one
+    if (kept && wanted == out_) return;
     const Presence::Out& out = supported(wanted, report);
-    if (out == out_ && attended_) return;
+    if (kept && out == out_) return;
     attended_ = true;
     line_.go_without(out);
     if (line_.solver()) line_.solver()->turn(out);
@@ -127,7 +133,8 @@ class Inputs {
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
       contacts_.judge(m, out[m]);
-      if (slot >= 0 && out_[m] && !out[m]) references_.renew(std::size_t(slot));
+      if (slot >= 0 && absent_[m] && !out[m]) references_.renew(std::size_t(slot));
+      absent_[m] = out[m];
     }
     out_ = out;
   }
@@ -149,10 +156,11 @@ class Inputs {
   ContactWatch contacts_;
   Presence presence_;
   PhaseLaws laws_;
-  Presence::Out out_, leaving_, staying_;
-  Presence::Out named_, naming_;   // elements with a reference in this tick, and in the next one
-  std::vector<std::size_t> here_;  // elements to be held in the next tick where they are
-  bool attended_ = false;          // out_ is that of the rows
+  Presence::Out out_, leaving_, staying_;  // out_: elements that are out of the rows
+  std::vector<char> absent_;               // elements that were absent in the last tick of this world
+  Presence::Out named_, naming_;           // elements with a reference in this tick, and in the next one
+  std::vector<std::size_t> here_;          // elements to be held in the next tick where they are
+  bool attended_ = false;                  // out_ is that of the rows
 };
 
 }  // namespace hqp

@@ -6,7 +6,9 @@
 #include <cmath>
 #include <cstdio>
 
+#include "../walking/steered.hpp"
 #include "stacks.hpp"
+#include "walking.hpp"
 
 namespace hqp {
 
@@ -182,6 +184,83 @@ const std::string& Session::robot() const { return stacks_->current().robot().na
 const std::vector<std::string>& Session::joint_names() const { return stacks_->current().robot().joint_names; }
 std::vector<std::string> Session::names() const { return stacks_->names(); }
 const std::vector<double>& Session::home() const { return stacks_->current().robot().home; }
+
+// See WalkingSession.
+class Walk {
+ public:
+  explicit Walk(const std::shared_ptr<const Plan>& plan)
+      : stacks(made<Stacks>(plan)),
+        walker(walker_of(plan)),
+        steered(plan, *stacks),
+        command(walker->motors()),
+        start(Node(plan->root(), Memory(*plan)).part("walker").numbers("start")) {
+    if (start.size() != std::size_t(stacks->current().line().nq()))
+      throw PlanError("the start of the plan's walker has another size than q: export it anew");
+  }
+  const Tick& step(const double* q, const double* v, const double* loads, const StateFacts& facts) {
+    if (!stopping.empty() && (!walker->state().started || walker->stands())) {
+      stacks->shared().halt().stop(stopping);
+      stopping.clear();
+    }
+    return steered.step(*walker, *stacks, q, v, loads, facts, command.data());
+  }
+
+  std::unique_ptr<Stacks> stacks;
+  std::unique_ptr<Walker> walker;
+  Steered steered;
+  std::vector<double> command, start;
+  std::string stopping;  // reason of a stop that waits for the end of the walk
+};
+
+WalkingSession::WalkingSession(const std::shared_ptr<const Plan>& plan) : walk_(std::make_unique<Walk>(plan)) {}
+WalkingSession::~WalkingSession() = default;
+WalkingSession::WalkingSession(WalkingSession&&) noexcept = default;
+WalkingSession& WalkingSession::operator=(WalkingSession&&) noexcept = default;
+
+void WalkingSession::go(double forward, double left, double turn) {
+  const char* halted = walk_->stacks->shared().halt().why();
+  if (halted || !walk_->stopping.empty()) walk_->walker->refuse(halted ? halted : walk_->stopping);
+  else walk_->walker->go({forward, left, turn});
+}
+std::vector<std::string> WalkingSession::why() const { return walk_->walker->why(); }
+std::array<double, 3> WalkingSession::velocity() const {
+  const Command& command = walk_->walker->state().command;
+  return {command.forward, command.left, command.turn};
+}
+void WalkingSession::stop() { walk_->walker->stop(); }
+void WalkingSession::halt(const std::string& reason) { stop(), walk_->stopping = reason; }
+void WalkingSession::resume() {
+  walk_->stopping.clear();
+  walk_->stacks->shared().halt().resume();
+}
+const Tick& WalkingSession::step(const double* q, const double* v, const double* loads) noexcept {
+  return walk_->step(q, v, loads, {});
+}
+const Tick& WalkingSession::step(const double* q, const double* v, const double* loads, double time,
+                                 double now) noexcept {
+  StateFacts facts;
+  facts.time = &time, facts.now = now;
+  return walk_->step(q, v, loads, facts);
+}
+const std::vector<double>& WalkingSession::command() const { return walk_->command; }
+const char* WalkingSession::phase() const {
+  static constexpr const char* kNames[] = {"stand", "shift", "swing"};
+  return kNames[int(walk_->walker->state().phase)];
+}
+const char* WalkingSession::support() const { return walk_->walker->support(); }
+bool WalkingSession::walking() const { return walk_->walker->state().walking; }
+double WalkingSession::time() const { return walk_->walker->state().time; }
+std::array<double, 2> WalkingSession::capture_point() const {
+  const Vec2& found = walk_->walker->state().capture_point;
+  return {found.x, found.y};
+}
+const std::vector<double>& WalkingSession::start() const { return walk_->start; }
+int WalkingSession::nq() const { return walk_->stacks->current().line().nq(); }
+int WalkingSession::nv() const { return walk_->stacks->current().line().nv(); }
+double WalkingSession::dt() const { return walk_->stacks->current().line().dt(); }
+const std::vector<std::string>& WalkingSession::joint_names() const {
+  return walk_->stacks->current().robot().joint_names;
+}
 
 std::shared_ptr<const Plan> read(const std::string& path, const std::string& key) { return read_plan(path, key); }
 Session load(const std::string& path, const std::string& key) { return Session(read(path, key)); }

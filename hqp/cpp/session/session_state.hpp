@@ -83,6 +83,8 @@ class SessionState {
     line_.assembly().keep(state);
     line_.solver()->keep(state);
   }
+  // Exchange the warm starts of all sets of rows, which keep_rows() leaves.
+  void exchange(WarmSets& sets) { std::swap(line_.solver()->sets(), sets); }
   // The first session of a stack, whose rows and solver are as new.
   void first() {
     CarryOver rows = CarryOver::to_first(initial_rows_);

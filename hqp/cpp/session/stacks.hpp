@@ -28,6 +28,7 @@ struct World {
   };
   WarmState halt;
   std::vector<WarmState> rows;  // per stack, nothing if it was not at work so far
+  std::vector<WarmSets> sets;   // per stack
   std::vector<Line> lines;
   std::vector<Leg> legs;
   std::size_t at = 0;
@@ -36,10 +37,12 @@ struct World {
   void clear() {
     halt.clear(), lines.clear(), legs.clear(), at = 0;
     for (WarmState& one : rows) one.clear();
+    for (WarmSets& one : sets) one.forget();
   }
   std::size_t bytes() const {
     std::size_t sum = halt.bytes();
     for (const WarmState& one : rows) sum += one.bytes();
+    for (const WarmSets& one : sets) sum += one.bytes();
     for (const Line& one : lines) sum += one.state.bytes();
     for (const Leg& one : legs) sum += one.state.bytes();
     return sum;
@@ -200,7 +203,7 @@ class Stacks {
   }
   // Continue with a world, as new if it is empty.
   void load(World& world) {
-    world.rows.resize(stacks_.size());
+    world.rows.resize(stacks_.size()), world.sets.resize(stacks_.size());
     if (world.empty()) return stacks_[0].lines[0]->halt().resume(), reset();
     const Guarded* const alone = legs_.empty() ? current_ : nullptr;
     legs_.clear(), ended_.clear();
@@ -209,6 +212,7 @@ class Stacks {
       if (stale_[k]) continue;
       CarryOver rows = CarryOver::from(world.rows[k]);
       stacks_[k].lines[0]->keep_rows(rows);
+      stacks_[k].lines[0]->exchange(world.sets[k]);
     }
     std::vector<Guarded*> lines;
     for (const World::Line& one : world.lines) lines.push_back(&line(one.stack, one.number));
@@ -235,7 +239,7 @@ class Stacks {
   }
   void store(World& world) {
     tidy();
-    world.rows.resize(stacks_.size());
+    world.rows.resize(stacks_.size()), world.sets.resize(stacks_.size());
     std::vector<std::pair<std::size_t, Guarded*>> lines;
     if (legs_.empty()) lines.emplace_back(named_[at_], current_);
     for (std::size_t k = 0; k < legs_.size(); ++k)
@@ -259,6 +263,7 @@ class Stacks {
       if (!works && world.rows[k].empty()) continue;
       CarryOver rows = CarryOver::to(world.rows[k]);
       stacks_[k].lines[0]->keep_rows(rows);
+      stacks_[k].lines[0]->exchange(world.sets[k]);
     }
     CarryOver halt = CarryOver::to(world.halt);
     current_->halt().keep(halt);
