@@ -1,7 +1,9 @@
 // Warm starts of a solver whose rows come and go: each set of rows that was solved before goes on where it ended.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "carry_over.hpp"
@@ -12,12 +14,15 @@ class WarmSets {
  public:
   using Out = std::vector<bool>;  // one flag per element whose rows are outside the set
 
-  // The solver goes on with that set: Continue the solver with that set:
+  // Continue the solver with that set.
   template <class Solver>
   void turn(Solver& solver, const Out& out) {
     std::size_t to = 0;
     while (to < known_ && sets_[to] != out) ++to;
-    if (to == known_ && to < kMost) sets_[known_++] = out;
+    if (to == known_ && to < kMost) {
+      grow(known_ + 1);
+      sets_[known_++] = out;
+    }
     if (to == now_) return;
     if (now_ < kMost) {
       CarryOver last = CarryOver::to(states_[now_]);
@@ -32,6 +37,7 @@ class WarmSets {
   template <class Solver>
   void make_room(Solver& solver, std::size_t elements) {
     sets_.assign(kMost, Out(elements));
+    grow(kMost);
     for (WarmState& state : states_) {
       CarryOver room = CarryOver::room(state);
       solver.keep(room);
@@ -40,6 +46,14 @@ class WarmSets {
   void forget() {
     for (WarmState& state : states_) state.clear();
     now_ = kNone, known_ = 0;
+  }
+  // Exchange the known sets with those of another world; the room for further ones stays.
+  void exchange(WarmSets& other) {
+    const std::size_t count = std::max(known_, other.known_);
+    grow(count), other.grow(count);
+    std::swap_ranges(states_.begin(), states_.begin() + std::ptrdiff_t(count), other.states_.begin());
+    std::swap_ranges(sets_.begin(), sets_.begin() + std::ptrdiff_t(count), other.sets_.begin());
+    std::swap(now_, other.now_), std::swap(known_, other.known_);
   }
   std::size_t bytes() const {
     std::size_t sum = 0;
@@ -52,8 +66,13 @@ class WarmSets {
   static constexpr std::size_t kMost = 32;  // sets that are kept; others go on where the one before them ended
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
-  std::vector<WarmState> states_ = std::vector<WarmState>(kMost);
-  std::vector<Out> sets_ = std::vector<Out>(kMost);  // in the order of their first solves
+  void grow(std::size_t count) {
+    if (states_.size() < count) states_.resize(count);
+    if (sets_.size() < count) sets_.resize(count);
+  }
+
+  std::vector<WarmState> states_;
+  std::vector<Out> sets_;  // in the order of their first solves
   std::size_t now_ = kNone, known_ = 0;
 };
 

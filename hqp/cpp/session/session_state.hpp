@@ -84,7 +84,7 @@ class SessionState {
     line_.solver()->keep(state);
   }
   // Exchange the warm starts of all sets of rows, which keep_rows() leaves.
-  void exchange(WarmSets& sets) { std::swap(line_.solver()->sets(), sets); }
+  void exchange(WarmSets& sets) { line_.solver()->sets().exchange(sets); }
   // The first session of a stack, whose rows and solver are as new.
   void first() {
     CarryOver rows = CarryOver::to_first(initial_rows_);
