@@ -52,6 +52,25 @@ class BatchTick:
         return tuple(STATUSES[k] for k in self.status.tolist())
 
 
+def chosen_worlds(what: str, worlds: ArrayLike | None, count: int) -> list[int]:
+    """Indices of worlds, given by index or mask ``(count,)``, all for None; DeclarationError for an unknown one."""
+    chosen = np.arange(count)
+    if worlds is not None:
+        try:
+            chosen = np.atleast_1d(chosen[np.asarray(dlpack.numbers(worlds))])
+        except IndexError:
+            raise DeclarationError(what, "worlds", value=worlds, allowed=f"0 to {count - 1}") from None
+    found: list[int] = chosen.tolist()
+    return found
+
+
+def check_counts(what: str, count: int, threads: int) -> None:
+    """Raise DeclarationError for a bad number of worlds or threads."""
+    for name, value, least in (("count", count, 1), ("threads", threads, 0)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+            raise DeclarationError(what, name, value=value, allowed=f"a whole number, {least} or above")
+
+
 class Batch:
     """``count`` sessions of one controller on one robot, stepped together.
 
@@ -87,10 +106,7 @@ class Batch:
         from hqp import _session as native
         from hqp.loop.file import key_bytes
 
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-            raise DeclarationError("Batch", "count", value=count, allowed="a whole number, 1 or above")
-        if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
-            raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number, 0 or above")
+        check_counts("Batch", count, threads)
         secret = key_bytes(key)
         try:
             self._native = native.Batch(file, int(count), int(threads), secret)
@@ -206,12 +222,4 @@ class Batch:
             self._native.reset(world)
 
     def _chosen(self, worlds: ArrayLike | None) -> list[int]:
-        """Indices of worlds; raises DeclarationError for an unknown one."""
-        chosen = np.arange(self.count)
-        if worlds is not None:
-            try:
-                chosen = np.atleast_1d(chosen[np.asarray(dlpack.numbers(worlds))])
-            except IndexError:
-                raise DeclarationError("Batch", "worlds", value=worlds, allowed=f"0 to {self.count - 1}") from None
-        found: list[int] = chosen.tolist()
-        return found
+        return chosen_worlds("Batch", worlds, self.count)

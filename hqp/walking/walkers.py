@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hqp import _session
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
-from hqp.export.batch import BatchTick
+from hqp.export.batch import BatchTick, check_counts, chosen_worlds
 from hqp.loop.file import key_bytes, text
 from hqp.walking.footsteps import Command
 from hqp.walking.walker import PHASES, Walker
@@ -21,9 +21,9 @@ from hqp.walking.walker import PHASES, Walker
 class Walkers:
     """``count`` walkers like one, each on a robot of its own, stepped together.
 
-    Each has the numbers of a single ``Walker``, to the last bit, whatever the others do and however many threads there
-    are: a deadline does not apply.  threads: 0 for one per core.  Raises the errors of ``Session.export``, and
-    DeclarationError for a bad count.
+    Each has the numbers of a single ``Walker``, to the last bit.  Neither other walkers nor the number of threads
+    change them, and a deadline does not apply.  threads: 0 for one per core.  Raises the errors of
+    ``Session.export``, and DeclarationError for a bad count.
     """
 
     def __init__(self, walker: Walker, count: int, *, threads: int = 0) -> None:
@@ -37,9 +37,7 @@ class Walkers:
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None) -> None:
-        for name, value, least in (("count", count, 1), ("threads", threads, 0)):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise DeclarationError("Walkers", name, value=value, allowed=f"a whole number, {least} or above")
+        check_counts("Walkers", count, threads)
         secret = key_bytes(key)
         try:
             self._native = _session.Walkers(file, int(count), int(threads), secret)
@@ -130,11 +128,4 @@ class Walkers:
         return tuple(self._native.why(chosen))
 
     def _chosen(self, worlds: Any) -> list[int]:
-        chosen = np.arange(self.count)
-        if worlds is not None:
-            try:
-                chosen = np.atleast_1d(chosen[np.asarray(worlds)])
-            except IndexError:
-                raise DeclarationError("Walkers", "worlds", value=worlds, allowed=f"0 to {self.count - 1}") from None
-        found: list[int] = chosen.tolist()
-        return found
+        return chosen_worlds("Walkers", worlds, self.count)
