@@ -138,7 +138,7 @@ def standing_axes(robot: Any, left: int, right: int) -> Mat:
 def foot_joints(robot: Any) -> tuple[int, int]:
     """The joints whose links have the lowest collision shapes at home, the left one first; raises ModelError.
 
-    Ahead is where soles reach further from their ankles; of soles without toes, the x axis of the base (REP 103).
+    Soles reach further from their ankles ahead than behind; if they do not, ahead is the x axis of the base (REP 103).
     """
     robot.state(robot.home).kinematics()
     lowest: dict[int, float] = {}
@@ -165,7 +165,7 @@ def foot_joints(robot: Any) -> tuple[int, int]:
 
 
 def _toes(robot: Any, joint: int, ahead: Vec) -> float:
-    """How far ahead of its joint the middle of a sole is, a share of its length."""
+    """Distance of the middle of a sole ahead of its joint, as a share of its length."""
     items = [item for item in robot.geometry.geometryObjects if item.parentJoint == joint]
     cloud = np.vstack([_placed_in_world(robot, item) for item in items]) - robot.data.oMi[joint].translation
     along = cloud[cloud[:, 2] < cloud[:, 2].min() + SOLE] @ ahead
@@ -183,7 +183,7 @@ def _body(robot: Any, joint: int) -> str:
 
 
 def _level_frame(robot: Any, joint: int, axes: Mat) -> tuple[Any, str]:
-    """A frame of a joint with these axes at home, added if there is none."""
+    """Frame of a joint with these axes at home; a new one is added to a robot without it."""
     state = robot.state(robot.home)
     for frame in robot.model.frames:
         fixed = frame.parentJoint == joint and frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)

@@ -92,7 +92,7 @@ def _outside(p: Vec, q: Vec, heights: Mat, hull: Polytope) -> Found:
 
     lowest = heights.min(axis=0)
     for edge in np.flatnonzero((hull.edges[:, 2:] == int(np.argmax(lowest))).any(axis=1)).tolist():
-        take(edge)  # those of the face that separates most are near
+        take(edge)  # edges of the face that separates most are near
     for end, above in ((p, heights[0]), (q, heights[1])):
         near = np.flatnonzero((above > 0.0) & (above < best[0]))
         for k in near[_over(near, end, hull)].tolist():

@@ -46,7 +46,7 @@ class Gait:
 
     @property
     def numbers(self) -> tuple[float, float, float, float, float, float]:
-        """single, double, first, height, search, patience: what native code reads."""
+        """single, double, first, height, search, patience: the numbers of the native gait."""
         return self.single, self.double, self.first, self.height, self.search, self.patience
 
     @property

@@ -176,7 +176,7 @@ def test_one_who_stands_is_left_alone(heading: float, g1: hqp.robots.Robot) -> N
 def _wrench(robot: Any, q: Mat, i: int, fps: float) -> tuple[Vec, Vec]:
     """Force and moment about the world's origin that the ground gives, by Pinocchio's inverse dynamics.
 
-    Of all virtual motions, those of the free base do the work of the ground's wrench alone.
+    Only the wrench of the ground works on virtual motions of the free base.
     """
     window = np.array([robot.difference(q[i], q[i + k]) for k in range(-8, 9)])
     fit = np.polynomial.polynomial.polyfit(np.arange(-8, 9) / fps, window, 4)

@@ -1,4 +1,4 @@
-"""What rounding leaves of a row must not decide: a bound missed by it is met, an entry made of it is no direction."""
+"""Rounding decides nothing: a bound missed by rounding is met, and an entry of rounding is no direction."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_verdict_does_not_depend_on_the_last_digits_of_an_answer(kind: str, fl
 
 @pytest.mark.parametrize("seed", range(40))
 def test_a_row_is_met_however_short_it_is_beside_others(seed: int) -> None:
-    """What no level sees is chosen freely: a short row sees as much as a long one, in the unit of its length."""
+    """A short row sees as much as a long one, in the unit of its length; only unseen directions are a free choice."""
     rng, n = np.random.default_rng(seed), 6
     C, x, B = rng.normal(size=(2, n)), rng.normal(size=n), rng.normal(size=(2, n))
     A = rng.normal(size=(3, n)) * 10.0 ** rng.permutation([-5.0, rng.uniform(-5.0, 4.0), 4.0])[:, None]

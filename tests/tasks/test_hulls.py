@@ -1,4 +1,4 @@
-"""Convex hulls in place of capsules that cannot keep two links apart: distances by coal, and what rows allow."""
+"""Convex hulls in place of capsules that cannot keep two links apart: coal judges distances and rows."""
 
 from __future__ import annotations
 

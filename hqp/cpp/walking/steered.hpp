@@ -27,7 +27,7 @@ inline std::unique_ptr<Walker> walker_of(const std::shared_ptr<const Plan>& plan
   return of_walker(plan, memory, [](const Node& node) { return std::make_unique<Walker>(node); });
 }
 
-// What walkers share that take turns at a session: kinematics, and the places of the elements.
+// Kinematics and places of the elements, shared by walkers that take turns at a session.
 class Steered {
  public:
   Steered(const std::shared_ptr<const Plan>& plan, Stacks& session)
