@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from importlib.metadata import distribution
 from pathlib import Path
 
 import hqp
@@ -77,3 +78,11 @@ def test_formatters_have_one_version() -> None:
         assert not re.search(rf"repo: \S*{name}", hooks)
         (asked,) = [each for each in dev if each.startswith(name)]
         assert re.fullmatch(rf"{name}>=[\d.]+,<[\d.]+", asked), asked
+
+
+def test_an_editable_install_adds_no_folder_but_the_checkout() -> None:
+    """A parent folder on sys.path lets files beside the checkout shadow modules."""
+    record = distribution("hqp").files or []
+    links = [Path(str(file.locate())) for file in record if file.suffix == ".pth"]
+    added = {line for link in links for line in link.read_text(encoding="utf-8").split("\n") if line.startswith("/")}
+    assert {Path(line).resolve() for line in added} <= {ROOT.resolve()}, f"{links}: install --editable again"
