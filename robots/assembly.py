@@ -25,11 +25,12 @@ def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Pat
     URDF through MuJoCo's reader.
     """
     source = getattr(robot, "source", None)
+    beside = None if source is None else Path(source).resolve().parent
     stem = str(getattr(robot, "name", "") if mjcf is None else mjcf)
     own: dict[str, str] = {}
     for name in OWN:
         description = Tables.read(FOLDER / name).description
-        if stem in description["mjcf"] and (mjcf is not None or source is None or source.parent == FOLDER / name):
+        if stem in description["mjcf"] and (mjcf is not None or beside in (None, FOLDER / name)):
             path = FOLDER / name / f"{stem}.xml"
             return prepared(parsed(path), timestep), path, description
         own |= description["mjcf"]

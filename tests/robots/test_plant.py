@@ -268,6 +268,18 @@ def test_torque_in_the_robots_order(hopper: Path) -> None:
     np.testing.assert_allclose(plant.state()[1] / 1e-5, acceleration, rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", ["cbi", "dreamer"])
+def test_a_link_to_a_robots_folder_gives_the_same_plant(name: str, tmp_path: Path) -> None:
+    """A package may be installed through links: gains, armatures and groups come from the file behind them."""
+    source = Path(str(hqp.robots.load(name).source))
+    (tmp_path / "linked").symlink_to(source.resolve().parent)
+    plain = Plant(hqp.robots.load(source.resolve(), floating=True))
+    linked = Plant(hqp.robots.load(tmp_path / "linked" / source.name, floating=True))
+    assert plain.servo == linked.servo
+    assert plain.watched == linked.watched
+    np.testing.assert_array_equal(plain.model.dof_armature, linked.model.dof_armature)
+
+
 def test_effort_limits_come_from_the_file(hopper: Path) -> None:
     robot = hqp.robots.load(hopper)
     plant = Plant(robot, hopper)
