@@ -172,7 +172,7 @@ def run(arguments: argparse.Namespace) -> int:
     missed = 0
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         before = os.environ.get("HQP_ISA")
-        os.environ["HQP_ISA"] = "generic"  # of the other process, which begins with the first call
+        os.environ["HQP_ISA"] = "generic"  # the other process begins with the first call and reads it
         kernel = pool.submit(instruction_set).result()
         if before is None:
             del os.environ["HQP_ISA"]

@@ -107,7 +107,7 @@ def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
     """Find the two feet of a floating robot at home: the lowest collision shapes of two links, the left one first.
 
     Returns the robot and the frames of both soles.  A frame of the link with the axes ahead, left, up at home is taken
-    (``standing_axes``); if there is none, the returned robot has one more, ``LINK_sole``.
+    (``standing_axes``); without one the returned robot gets the frame ``LINK_sole``.
     Raises ModelError for a robot whose lowest shapes are not those of two links side by side.
     """
     left, right = foot_joints(robot)

@@ -271,7 +271,7 @@ def _arms(whole: Any) -> Any:
 
 
 class Clamped(Pink):
-    """The same with joint targets clamped to ranges and speeds."""
+    """Pink with joint targets clamped to ranges and speeds."""
 
     def __init__(self, robot: Any, policy: Policy, masses: Any) -> None:
         super().__init__(robot, policy, masses)
@@ -284,7 +284,7 @@ class Clamped(Pink):
 
 @dataclass
 class Motion:
-    """One motion; errors: of both hands [m].  touches: judged configurations with one.  fast: rad/s."""
+    """One motion; errors: both hands from their targets [m].  touches: judged configurations with one.  fast: rad/s."""
 
     fell: bool = False
     ticks: int = 0

@@ -17,7 +17,7 @@
 
 constexpr long kGo = 250, kStop = 1750, kTicks = 3000;
 
-// Ask for the walk of walking.py.
+// Command the walk of walking.py.
 void ask(hqp::WalkingSession& walker, long tick) {
   if (tick == kGo) walker.go(0.3, 0.0, 0.1);
   if (tick == kStop) walker.stop();

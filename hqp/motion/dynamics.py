@@ -51,7 +51,7 @@ class Dynamics:
     """Changes of a motion that make it carriable by the forces of flat soles.
 
     stands ``(T, 2)``: true while the left or right sole stands.  com, velocity, acceleration ``(T, 3)``: the plan [m,
-    m/s, m/s^2].  zmp ``(T, 2)`` [m]: of the plan, NaN in flight.  shift ``(T,)`` [m]: distance of the plan from the
+    m/s, m/s^2].  zmp ``(T, 2)`` [m]: ZMP of the plan, NaN in flight.  shift ``(T,)`` [m]: distance of the plan from the
     kinematic CoM.  zmp_outside: share of standing frames whose ZMP, angular momentum included, is more than 10 mm
     outside the soles, before and after.  hands_p99: 99th percentile of the hands' error [m], before and after.  missed
     [m]: largest distance of the CoM from the plan.

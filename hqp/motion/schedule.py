@@ -139,7 +139,7 @@ def _cheapest(own: Mat, least: list[int], change: float) -> list[int]:
 
 
 def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
-    """The same with feet as the schedule has them: flat at one place while they stand, clear of the ground between.
+    """Place feet as the schedule has them: flat at one place while they stand, clear of the ground between.
 
     A foot in the air keeps the person's motion, shifted to the places before and after.
     """

@@ -82,7 +82,7 @@ def unseen(problem: Hierarchy) -> Mat:
     sees.
 
     A row sees a direction of which it has more than RANK_TOLERANCE of its length, and of GRADED_ROWS of its level's
-    longest row: rounding of rows that are products leaves 1e-12, rows that ask anything of forces have 1e-3 and more.
+    longest row: rounding of rows that are products leaves 1e-12, rows of forces have 1e-3 and more.
     """
     n = problem.n
     if problem.metric is None:
@@ -110,7 +110,7 @@ def chosen(problem: Hierarchy, x: Vec) -> Vec:
 
 
 def allowed(problem: Hierarchy, x: Vec) -> Vec:
-    """By how much each row of the constraints may be exceeded at x, ``(m_0 + ...,)`` [unit of the row]."""
+    """Permitted excess of each row of the constraints at x, ``(m_0 + ...,)`` [unit of the row]."""
     return Choice(problem, x).allowed
 
 

@@ -33,7 +33,7 @@ class Pull:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Errors of rows, ``(m,)`` each: of an entry on the face, and of a slack."""
+    """Errors of rows, ``(m,)`` each: error of an entry on the face, and error of a slack."""
 
     entry: Vec
     slack: Vec
@@ -98,7 +98,7 @@ def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float, errors: Errors) 
         p = rank + int(np.argmax(np.einsum("ij,ij->j", left, left)))
         T[:, [rank, p]], columns[[rank, p]] = T[:, [p, rank]], columns[[p, rank]]
         v = T[rank:, rank].copy()
-        share = np.abs(v) / np.linalg.norm(v)  # of each row in the pivot row, and of that one in each
+        share = np.abs(v) / np.linalg.norm(v)  # share of each row in the pivot row, and of the pivot row in each
         error[rank] = share @ error[rank:]
         error[rank + 1 :] += share[1:, None] * error[rank]
         v[0] += np.copysign(np.linalg.norm(v), v[0])

@@ -25,7 +25,7 @@ MARGIN, SHARE = 0.01, 0.3
 class Foot:
     """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m].
 
-    yaw: of the frame's x axis at home, from ahead [rad].
+    yaw: angle from ahead to the frame's x axis at home [rad].
     """
 
     frame: str

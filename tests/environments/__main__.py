@@ -32,7 +32,7 @@ assert hqp.Batch.load(sys.argv[1], 2).step(numpy.tile(session.home, (2, 1))).sol
 print("numpy", importlib.metadata.version("numpy"))
 """
 SHIFT = ("0.05", "0", "0.1")
-"""Of the hand's target, for a C++ program [m]."""
+"""Shift of the hand's target, for a C++ program [m]."""
 
 
 def main() -> int:

@@ -33,8 +33,8 @@ struct Completion {
 };
 
 // Data of an account: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
-// lambda (multipliers,): those of the first levels, level k after level k - 1, (m_0 + ... + m_k) each, for those
-// without a stage.
+// lambda (multipliers,): multipliers of the first levels, level k after level k - 1, (m_0 + ... + m_k) each; they serve
+// levels without a stage.
 struct AccountRows {
   const double* stages = nullptr;
   const double* w = nullptr;
@@ -78,7 +78,7 @@ class PricedStages {
   // least length by the metric; unseen (count, n), orthonormal, are not among them.
   virtual void complete(const double* unseen, int count, double* x) = 0;
   // Write slacks and marks of all rows at x, see Solution; true if one of the first `constraints` levels is violated.
-  // allowed: by how much each of their rows may be, or null.
+  // allowed: the permitted excess of each of their rows, or null.
   virtual bool describe(const double* x, int constraints, const double* allowed, double* slack, std::int8_t* marks) = 0;
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;                  // every stage reached its optimum

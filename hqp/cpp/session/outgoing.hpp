@@ -28,7 +28,7 @@ struct Answered {
   const double* points = nullptr;  // stage points, null without stages
   std::size_t point_count = 0;
   int iterations = 0, factorisations = 0;
-  const double* allowed = nullptr;  // by how much rows of the constraints may be exceeded, null if by nothing
+  const double* allowed = nullptr;  // the permitted excess of the rows of the constraints, null without one
 };
 
 // Return true if slacks w (m) of an element's rows exceed rounding at these bounds; why: the largest slack, and the

@@ -13,7 +13,7 @@ namespace hqp {
 
 struct Sole {
   Vec2 middle;                // middle of the polygon that touches the ground, in the frame's axes [m]
-  double yaw = 0.0;           // of the frame's x axis at home, from ahead [rad]
+  double yaw = 0.0;           // angle from ahead to the frame's x axis at home [rad]
   std::vector<Vec2> corners;  // corners of the support that the balance may use
 
   template <class Plan>

@@ -1,4 +1,5 @@
-// What examples/ros2_control uses of ROS 2 Jazzy, with the same signatures and no ROS: enough to compile and step it.
+// The part of ROS 2 Jazzy that examples/ros2_control uses, with its signatures and without ROS: enough to compile and
+// step it.
 #pragma once
 
 #include <cstdio>
@@ -111,7 +112,7 @@ class ChainableControllerInterface {
   std::vector<hardware_interface::CommandInterface> command_interfaces_;
   std::vector<hardware_interface::StateInterface> state_interfaces_;
 
-  // What the controller manager calls.
+  // Calls of the controller manager.
   return_type update(bool chained) {
     if (!chained) update_reference_from_subscribers(rclcpp::Time(), rclcpp::Duration());
     return update_and_write_commands(rclcpp::Time(), rclcpp::Duration());
