@@ -11,6 +11,7 @@ import numpy as np
 from hqp.arrays import Mat
 from hqp.errors import HqpError
 from hqp.viewer.camera import PERIOD, Cameras
+from hqp.web.serve import tolerating_races
 
 if TYPE_CHECKING:
     from .retargeted import Retargeted
@@ -80,16 +81,17 @@ class Scrubber:
     def _run(self) -> None:
         begin, first = time.monotonic(), 0
         while self._open:
-            if self._playing.value:
-                now = int((time.monotonic() - begin) * self._speed * self._motion.fps) + first
-                self._slider.value = now % len(self._motion)
-            else:
-                begin, first = time.monotonic(), int(self._slider.value)
-            if int(self._slider.value) != self._shown:
-                self.show(int(self._slider.value))
-            if time.monotonic() >= self._looked:
-                self._looked = time.monotonic() + PERIOD
-                self._cameras.update(self._way, np.empty((0, 3)))
+            with tolerating_races():
+                if self._playing.value:
+                    now = int((time.monotonic() - begin) * self._speed * self._motion.fps) + first
+                    self._slider.value = now % len(self._motion)
+                else:
+                    begin, first = time.monotonic(), int(self._slider.value)
+                if int(self._slider.value) != self._shown:
+                    self.show(int(self._slider.value))
+                if time.monotonic() >= self._looked:
+                    self._looked = time.monotonic() + PERIOD
+                    self._cameras.update(self._way, np.empty((0, 3)))
             time.sleep(1.0 / 30.0)
 
     def _outlines(self) -> Mat:

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from hqp.web.serve import tolerating_races
+
 from .account import make_account
 from .camera import PERIOD, Cameras
 from .channel import Channel
@@ -61,6 +63,7 @@ class Server:
         self._forces: dict[str, Any] = {}
         self._snapshot: dict[str, Any] | None = None
         self._seen, self._turn = 0, 0
+        self._look_at = self._show_at = 0.0
         self._errors: dict[str, tuple[float, str]] = {}
         self._before: tuple[float, dict[str, tuple[float, str]]] = (0.0, {})
         self._channel.set_ready(float(self._server.get_port()))
@@ -87,21 +90,25 @@ class Server:
 
     def run(self, alive: threading.Event) -> None:
         """Draw until the loop ends or its process does."""
-        due = looked = 0.0
         while alive.is_set() and not self._channel.closed:
             start = time.monotonic()
-            self._read()
-            if self._history.latest is not None and np.isfinite(self._history.part(0)).all():
-                motion = np.nan_to_num(self._history.part(1))
-                self._errors = self._scene.update(self._history.part(0), motion, self._forces)
-                if start >= looked and not self._scene.in_hand:  # no picture moves under a hand
-                    looked = start + PERIOD
-                    self._cameras.update(self._scene.outline(), self._scene.targets())
-                if start >= due and self._snapshot is not None:
-                    due = start + PAGE_PERIOD
-                    self._show(self._snapshot)
+            with tolerating_races():
+                self._read()
+                if self._history.latest is not None and np.isfinite(self._history.part(0)).all():
+                    self._draw(start)
             time.sleep(max(0.0, SCENE_PERIOD - (time.monotonic() - start)))
         self._server.stop()
+
+    def _draw(self, now: float) -> None:
+        """Move the scene; pictures and panels at their own periods."""
+        motion = np.nan_to_num(self._history.part(1))
+        self._errors = self._scene.update(self._history.part(0), motion, self._forces)
+        if now >= self._look_at and not self._scene.in_hand:  # no picture moves under a hand
+            self._look_at = now + PERIOD
+            self._cameras.update(self._scene.outline(), self._scene.targets())
+        if now >= self._show_at and self._snapshot is not None:
+            self._show_at = now + PAGE_PERIOD
+            self._show(self._snapshot)
 
     def _read(self) -> None:
         snapshot = self._channel.read_snapshot(self._turn)
@@ -109,9 +116,10 @@ class Server:
             self._turn, self._snapshot = snapshot
             self._forces = self._snapshot["forces"]
             if self._snapshot["version"] != self._stack.version:
-                self._stack = stack = pickle.loads(self._snapshot["stack"])
+                stack = pickle.loads(self._snapshot["stack"])
                 self._history.restart(stack)
                 self._scene.show_stack(stack, _contact_frames(stack))
+                self._stack = stack
         count = self._channel.count
         self._history.add(self._channel.read(self._seen))
         self._seen = count

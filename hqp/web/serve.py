@@ -32,6 +32,19 @@ def serve(doors: Doors, port: int) -> Any:
 
 
 @contextmanager
+def tolerating_races() -> Iterator[None]:
+    """Leave the rest of a drawing to the next one if viser's loop changes the waiters of its event meanwhile.
+
+    viser sets an ``asyncio.Event`` from the caller's thread, which may raise RuntimeError once the message is queued.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "mutated during iteration" not in str(error):
+            raise
+
+
+@contextmanager
 def _guarded(doors: Doors) -> Iterator[None]:
     """Put servers that viser starts meanwhile behind these doors.
 
