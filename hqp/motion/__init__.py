@@ -5,5 +5,6 @@ from .readers import read_motion
 from .retargeted import Retargeted
 from .retargeting import retarget
 from .skeleton_map import SkeletonMap
+from .training import save_training, training_arrays
 
-__all__ = ["Motion", "Retargeted", "SkeletonMap", "read_motion", "retarget"]
+__all__ = ["Motion", "Retargeted", "SkeletonMap", "read_motion", "retarget", "save_training", "training_arrays"]
