@@ -9,11 +9,12 @@ import numpy as np
 
 from hqp.adapters.gymnasium_extra import gymnasium
 from hqp.adapters.vector_env import VectorEnv
+from hqp.adapters.walkers_env import WalkersEnv
 from hqp.arrays import Vec
 from hqp.declare.stack import Stack
 from hqp.loop.session import Controller
 
-__all__ = ["StackEnv", "VectorEnv"]
+__all__ = ["StackEnv", "VectorEnv", "WalkersEnv"]
 
 
 class StackEnv(gymnasium.Env[Any, Any]):  # type: ignore[misc,unused-ignore]

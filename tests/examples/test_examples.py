@@ -25,6 +25,7 @@ NEEDS = {
     "stretch": "stretch_urdf",
     "tidybot": "robosuite",
     "view_g1": "viser",
+    "walkers_in_gymnasium": "gymnasium",
     "yumi": "robosuite_models",
 }
 ARGUMENTS = {"view_g1": ["2"]}
@@ -41,7 +42,7 @@ MODELS = {
 
 LONG = {
     "ball_shoulders", "lean_on_a_table", "lift_a_foot", "moving_balls", "quadruped_paw", "two_arms_apart", "waiter",
-    "walk_talos",
+    "walk_talos", "walkers_in_gymnasium",
 }  # fmt: skip
 """Examples with long motions."""
 PROGRAMS = [
