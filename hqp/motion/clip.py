@@ -10,6 +10,8 @@ import numpy as np
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, closest
 
+from .box import Box
+
 CUTOFF = 10.0
 """Cutoff of ``Motion.smoothed`` [Hz]: marker noise is above it and motion of human limbs below."""
 
@@ -34,8 +36,9 @@ class Motion:
     """Positions of the joints of a person, z up.
 
     names: names of the J joints.  positions ``(T, J, 3)``, in any unit of length.  fps [1/s].  parents: index of each
-    joint's parent, -1 for a root, empty if unknown.  notes: remarks of its reader, for the report.  Raises
-    DeclarationError for shapes that do not fit, numbers that are not finite, and less than two frames.
+    joint's parent, -1 for a root, empty if unknown.  notes: remarks of its reader, for the report.  box: a box that the
+    hands carry.  Raises DeclarationError for shapes that do not fit, numbers that are not finite, and less than two
+    frames.
     """
 
     names: tuple[str, ...]
@@ -43,6 +46,7 @@ class Motion:
     fps: float
     parents: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
+    box: Box | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -65,6 +69,8 @@ class Motion:
             raise DeclarationError(
                 "motion", f"{len(self.parents)} parents", allowed=f"{len(names)}, one for each joint"
             )
+        if self.box is not None and len(self.box) != len(places):
+            raise DeclarationError("motion", "frames of the box", value=len(self.box), allowed=str(len(places)))
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "positions", places)
         object.__setattr__(self, "fps", float(self.fps))
@@ -83,7 +89,8 @@ class Motion:
 
     def part(self, first: int, last: int) -> Motion:
         """The frames from ``first`` up to but not ``last``."""
-        return replace(self, positions=self.positions[first:last])
+        box = None if self.box is None else self.box.frames(slice(first, last))
+        return replace(self, positions=self.positions[first:last], box=box)
 
     def smoothed(self, cutoff: float = CUTOFF) -> Motion:
         """The motion below a frequency [Hz], without lag (Butterworth of second order, forwards and backwards).
@@ -102,7 +109,8 @@ class Motion:
             return self
         before = np.arange(len(self)) / self.fps
         after = np.arange(int(np.floor(before[-1] * fps + 1e-9)) + 1) / fps
-        return replace(self, positions=CubicSpline(before, self.positions)(after), fps=fps)
+        box = None if self.box is None else self.box.at_times(before, after)
+        return replace(self, positions=CubicSpline(before, self.positions)(after), fps=fps, box=box)
 
     def turned(self, up: str) -> Motion:
         """The motion with z up, if the axis ``up`` (x, y, z, -x, -y, -z) is up so far.
@@ -112,7 +120,8 @@ class Motion:
         if up not in TURNS:
             raise DeclarationError("motion", "up", value=up, allowed=", ".join(UPS))
         axes, signs = TURNS[up]
-        return replace(self, positions=self.positions[..., axes] * signs)
+        box = None if self.box is None else self.box.turned(np.eye(3)[list(axes)] * np.array(signs)[:, None])
+        return replace(self, positions=self.positions[..., axes] * signs, box=box)
 
 
 def low_pass(values: Mat, cutoff: float, fps: float) -> Mat:

@@ -30,6 +30,9 @@ BESIDE = 0.6
 LEVEL = 0.05
 """Difference below which two heights are one ground, for a leg of 1 m [m]."""
 
+RAMP = 0.25
+"""Duration of the blend from the arm's pose to a hand's contact or hold [s]."""
+
 Mask = NDArray[np.bool_]
 LIMBS = ("foot", "hand", "knee")
 NAMES = tuple(f"{side}_{limb}" for limb in LIMBS for side in SIDES)
@@ -55,7 +58,7 @@ def detect(places: Mapping[str, Mat], fps: float, leg: float) -> Contacts:
     higher or in the air meanwhile: a leg that is lifted and held still carries nothing.  Hands and knees rest while
     they are slow and near a ground on which a foot stands at some time.  leg [m]: all lengths and speeds go with it.
     """
-    slow = {limb: _rests(places[limb], fps, leg) for limb in places}
+    slow = {limb: rests(places[limb], fps, leg) for limb in places}
     feet = {side: slow[f"{side}_toe"] for side in SIDES}
     resting: dict[str, Mask] = {}
     ground: dict[str, Vec] = {}
@@ -85,7 +88,7 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _rests(place: Mat, fps: float, leg: float) -> Mask:
+def rests(place: Mat, fps: float, leg: float) -> Mask:
     """Mask of frames with a slow point, with hysteresis."""
     half = max(1, round(0.5 * WINDOW * fps))
     padded = np.pad(place, ((half, half), (0, 0)), mode="edge")
@@ -129,3 +132,16 @@ def _above(place: Mat, grounds: Mat, leg: float) -> Vec:
         beside = np.hypot(place[:, 0] - x, place[:, 1] - y) < BESIDE * leg
         height = np.where(beside, np.minimum(height, np.abs(place[:, 2] - z)), height)
     return height
+
+
+def smooth(mask: Mask, fps: float, ramp: float = RAMP) -> Vec:
+    """1 where the mask is, and down to 0 within ``ramp`` [s] around it, without a corner ``(T,)``."""
+    if not mask.any():
+        return np.zeros(len(mask))
+    known = np.flatnonzero(mask)
+    after = np.searchsorted(known, np.arange(len(mask)))
+    left = np.arange(len(mask)) - known[np.maximum(after - 1, 0)]
+    right = known[np.minimum(after, known.size - 1)] - np.arange(len(mask))
+    away = np.minimum(np.where(left < 0, len(mask), left), np.where(right < 0, len(mask), right))
+    x = np.clip(1.0 - away / (ramp * fps), 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x))

@@ -16,12 +16,11 @@ from hqp.tasks.support_polygon import hull
 from .body import Body
 from .centroidal import Support, centroidal_plan
 from .clip import low_pass
-from .contacts import Mask
+from .contacts import Mask, smooth
 from .joints import SIDES
 from .rates import velocities
 from .schedule import Schedule
 from .smoothing import LIVELY, Course
-from .targets import smooth
 from .tracker import Pass, Tracker
 
 NODES = 60.0

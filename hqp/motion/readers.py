@@ -11,6 +11,7 @@ import numpy as np
 
 from hqp.errors import DeclarationError
 
+from .box import FIELDS, Box
 from .bvh import read_bvh
 from .clip import Motion
 from .joints import parts_of
@@ -31,9 +32,11 @@ def read_motion(
     """The motion in a file, z up.
 
     ``.bvh``; ``.npz`` with positions ``(T, J, 3)``, names ``(J,)`` and fps, or with parameters of SMPL-X as AMASS
-    stores them, for which ``body_model`` is the model's own file (.npz).  up: x, y, z, -x, -y or -z, the file's axis
-    that is up; auto finds it from the person.  human: joints by part of the person, if their names do not match (see
-    ``SkeletonMap``).  Raises DeclarationError for a file of another kind, and for a damaged or incomplete one.
+    stores them, for which ``body_model`` is the model's own file (.npz).  A ``Box`` that the hands carry belongs to the
+    first: box_positions ``(T, 3)``, box_quaternions ``(T, 4)`` xyzw, box_size ``(3,)``.  up: x, y, z, -x, -y or
+    -z, the file's axis that is up; auto finds it from the person.  human: joints by part of the person, if their names
+    do not match (see ``SkeletonMap``).  Raises DeclarationError for a file of another kind, and for a damaged or
+    incomplete one.
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -65,7 +68,18 @@ def _read_npz(path: Path, body_model: str | Path | None) -> Motion:
     except (TypeError, ValueError) as error:
         allowed = "names (J,), parents (J,), fps one number"
         raise DeclarationError("motion", f"{path.name}: {error}", allowed=allowed) from error
-    return Motion(names, data["positions"], fps, parents)
+    return Motion(names, data["positions"], fps, parents, box=_box(data))
+
+
+def _box(data: Mapping[str, Any]) -> Box | None:
+    """The box of a file, None without; raises DeclarationError if a part of it is missing."""
+    keys = [f"box_{name}" for name in FIELDS]
+    missing = [key for key in keys if key not in data]
+    if len(missing) == len(keys):
+        return None
+    if missing:
+        raise DeclarationError("motion", f"the box lacks {', '.join(missing)}", allowed=", ".join(keys))
+    return Box(*(data[key] for key in keys))
 
 
 def _arrays(path: Path) -> dict[str, Any]:

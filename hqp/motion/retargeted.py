@@ -15,6 +15,7 @@ from hqp.arrays import Mat
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 
+from .box import FIELDS, Box
 from .contacts import Mask
 from .dynamics import Dynamics
 from .measures import Measures
@@ -33,7 +34,7 @@ class Retargeted:
     ``(T, 4)``: cause of each error of left and right toe, left and right hand, "" within 5 mm of their targets.
     statuses: statuses of the ticks, with their number.  time: time of the solution, CPU [s].  scale: robot's metres to
     the motion's unit.  notes: remarks on the person: mirrored, upside down, lying, the axis of the file that is up.
-    dynamics: the planned CoM and the changes for it, None without one.
+    dynamics: the planned CoM and the changes for it, None without one.  box: the box between the robot's hands [m].
     """
 
     robot: Robot
@@ -52,6 +53,7 @@ class Retargeted:
     scale: float
     notes: tuple[str, ...] = ()
     dynamics: Dynamics | None = None
+    box: Box | None = None
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -93,6 +95,7 @@ class Retargeted:
 
     def _npz(self, path: Path) -> None:
         position, quaternion = self.base
+        box = {} if self.box is None else {f"box_{name}": getattr(self.box, name) for name in FIELDS}
         np.savez_compressed(
             path, q=self.q, v=self.v, contacts=self.contacts, fps=self.fps,
             joint_names=np.array(self.joint_names), contact_names=np.array(self.contact_names),
@@ -101,6 +104,7 @@ class Retargeted:
             base_quaternion=quaternion, angles=self.angles, person=self.person,
             person_parents=np.array(self.person_parents, dtype=int), part_names=np.array(PARTS),
             part_errors=np.column_stack([self.measures.errors[part] for part in PARTS]), gave_way=self.gave_way,
+            **box,
         )  # fmt: skip
 
     def _csv(self, path: Path) -> None:

@@ -52,6 +52,8 @@ def retarget(
     moving feet > hands > tilt of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms
     and trunk by their own.
 
+    A box that the motion has keeps its size and stays between the hands that hold it; it is no obstacle.
+
     motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.  robot:
     with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for None.
     contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an .npz with
@@ -95,7 +97,7 @@ def retarget(
         robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
         targets.person[frames], clip.parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
         _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
-        None if changes is None else changes.thinned(each),
+        None if changes is None else changes.thinned(each), None if targets.box is None else targets.box.frames(frames),
     )  # fmt: skip
 
 

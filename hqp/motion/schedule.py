@@ -11,10 +11,10 @@ from hqp.arrays import Mat, Vec
 
 from .body import Body
 from .clip import low_pass
-from .contacts import Contacts, Mask, runs
+from .contacts import Contacts, Mask, runs, smooth
 from .joints import SIDES
 from .smoothing import LIVELY
-from .targets import Targets, smooth, turned
+from .targets import Targets, turned
 
 BOTH, LEFT, RIGHT, FLIGHT = range(4)
 STANDS = ((True, True), (True, False), (False, True), (False, False))

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from hqp.arrays import Mat, Vec
 
 from .body import Body
+from .box import Box
+from .carrying import carried
 from .clip import Motion, unit
-from .contacts import NAMES, Contacts, Mask, detect, runs
+from .contacts import NAMES, Contacts, Mask, detect, runs, smooth
 from .joints import SIDES
 from .person import joints_of, leg_of, with_toes
 
@@ -20,9 +22,6 @@ LOW = 0.02
 
 FLAT = 0.15
 """Tilt below which a resting foot is flat [rad]."""
-
-RAMP = 0.25
-"""Duration of the blend from the arm's pose to a hand's contact [s]."""
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -36,6 +35,7 @@ class Targets:
 
     contacts: contacts of the person.  edge: support of a sole, 0 all of it, 1 the toe, -1 the heel ``(T,)``, by side.
     scale: robot's metres to the motion's unit of length.  person ``(T, J, 3)``: its joints in the robot's size [m].
+    box: the box between the robot's hands [m], None without.
     """
 
     fps: float
@@ -45,6 +45,7 @@ class Targets:
     edge: dict[str, Edges]
     scale: float
     person: Mat
+    box: Box | None = None
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -59,7 +60,8 @@ class Targets:
         )
         places, axes = ({k: x[here] for k, x in part.items()} for part in (self.places, self.axes))
         edge = {side: x[here] for side, x in self.edge.items()}
-        return Targets(self.fps / each, places, axes, contacts, edge, self.scale, self.person[here])
+        box = None if self.box is None else self.box.frames(here)
+        return Targets(self.fps / each, places, axes, contacts, edge, self.scale, self.person[here], box)
 
 
 def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask | None = None) -> Targets:
@@ -91,7 +93,13 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
         places.update(
             _arm(moved, places["pelvis"], axes["torso"] @ body.axes["torso"].T, found, side, body, motion.fps)
         )
-    return Targets(motion.fps, places, axes, found, edge, scale, scale * (motion.positions - ground) + lift)
+    box = None
+    if motion.box is not None:
+        hands = {name: places[name] for name in (f"{side}_hand" for side in SIDES)}
+        floor = float(motion.positions[..., 2].min())
+        box, placed = carried(motion.box, joints, hands, floor, scale, motion.fps, leg)
+        places.update(placed)
+    return Targets(motion.fps, places, axes, found, edge, scale, scale * (motion.positions - ground) + lift, box)
 
 
 def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
@@ -201,16 +209,3 @@ def turned(yaw: Vec, tilt: Vec) -> Mat:
     zero = np.zeros_like(c)
     rows = [[c * cp, -s, c * sp], [s * cp, c, s * sp], [-sp, zero, cp]]
     return np.moveaxis(np.array(rows), 2, 0)
-
-
-def smooth(mask: Mask, fps: float, ramp: float = RAMP) -> Vec:
-    """1 where the mask is, and down to 0 within ``ramp`` [s] around it, without a corner ``(T,)``."""
-    if not mask.any():
-        return np.zeros(len(mask))
-    known = np.flatnonzero(mask)
-    after = np.searchsorted(known, np.arange(len(mask)))
-    left = np.arange(len(mask)) - known[np.maximum(after - 1, 0)]
-    right = known[np.minimum(after, known.size - 1)] - np.arange(len(mask))
-    away = np.minimum(np.where(left < 0, len(mask), left), np.where(right < 0, len(mask), right))
-    x = np.clip(1.0 - away / (ramp * fps), 0.0, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x))

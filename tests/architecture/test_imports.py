@@ -33,7 +33,8 @@ FLOORS = (
     {"recorder"},
     {"loop"},
     {"comparison", "export", "goals", "lab", "viewer"},
-    {"adapters", "motion", "policies", "walking", "__main__"},
+    {"motion", "policies", "walking"},
+    {"adapters", "__main__"},
 )
 """Rooms from the ground up: folders of hqp, and files beside them.  A room imports only from lower floors."""
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hqp.motion import Motion
+from hqp.motion import Box, Motion
+from hqp.motion.box import FIELDS
 
 FPS = 30.0
 NAMES = (
@@ -51,6 +52,45 @@ def crouch(seconds: float = 1.5, fps: float = FPS) -> Motion:
     return Motion(NAMES, places, fps, PARENTS)
 
 
+def lift(seconds: float = 4.0, turn: float = 0.0, fps: float = FPS, size: Any = (0.3, 0.26, 0.24)) -> Motion:
+    """Squat to a box on a crate, take it between both hands, stand up with it, turn it by ``turn`` [rad] about z."""
+    count, edges = int(seconds * fps), np.array(size)
+    rest = np.array([0.42, 0.0, 0.35 + 0.5 * edges[2]])
+    people, places, turns = [], [], []
+    for share in np.linspace(0.0, 1.0, count):
+        reach = _ease(share / 0.3)
+        low = _ease(share / 0.35) - _ease((share - 0.45) / 0.4)
+        up = _ease((share - 0.45) / 0.4)
+        angle = turn * _ease((share - 0.6) / 0.35)
+        joints = _person(0.0, 0.0)
+        at = {name: i for i, name in enumerate(NAMES)}
+        joints[[0, 1, 5]] += low * np.array([-0.1, 0.0, -0.3])
+        for side in ("Left", "Right"):
+            joints[at[f"{side}Leg"]] = _bend(joints[at[f"{side}UpLeg"]], joints[at[f"{side}Foot"]], THIGH, SHANK)
+        centre = rest + up * np.array([-0.06, 0.0, 0.45])
+        box = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+        for side, sign in (("Left", 1.0), ("Right", -1.0)):
+            home = {part: joints[at[f"{side}{part}"]] - [0.0, 0.0, 0.86] for part in ("Arm", "ForeArm", "Hand")}
+            shoulder = joints[0] + home["Arm"] + low * np.array([0.2, 0.0, -0.05])
+            held = centre + box @ [0.0, sign * (0.5 * edges[1] + 0.03), 0.0]
+            hand = (1.0 - reach) * (shoulder + home["Hand"] - home["Arm"]) + reach * held
+            way = hand - shoulder
+            length = float(np.linalg.norm(way))
+            hand = shoulder + way * (min(length, 0.52) / length)
+            joints[at[f"{side}Arm"]], joints[at[f"{side}Hand"]] = shoulder, hand
+            joints[at[f"{side}ForeArm"]] = shoulder + 0.5 * way + np.array([-0.05, 0.08 * sign, -0.1])
+        people.append(joints)
+        places.append(centre)
+        turns.append([0.0, 0.0, np.sin(angle / 2.0), np.cos(angle / 2.0)])
+    return Motion(NAMES, np.array(people), fps, PARENTS, box=Box(places, turns, edges))
+
+
+def _ease(x: float) -> float:
+    """0 to 1 without a corner."""
+    x = min(max(x, 0.0), 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
 def _person(t: float, speed: float) -> Any:
     hips = np.array([speed * t, 0.0, 0.86])
     joints = [hips]
@@ -90,7 +130,8 @@ def _bend(hip: Any, foot: Any, thigh: float, shank: float) -> Any:
 
 def write_npz(path: Path, motion: Motion) -> Path:
     """Write a motion for ``read_motion``."""
-    np.savez(path, positions=motion.positions, names=np.array(motion.names), fps=motion.fps)
+    box = {} if motion.box is None else {f"box_{name}": getattr(motion.box, name) for name in FIELDS}
+    np.savez(path, positions=motion.positions, names=np.array(motion.names), fps=motion.fps, **box)
     return path
 
 

@@ -21,7 +21,7 @@ from hqp.motion.body import Body
 from hqp.motion.branches import _enough, _excess, _placed, _worse
 from hqp.motion.bvh import _rate
 from hqp.motion.clip import TURNS, Motion, low_pass, unit
-from hqp.motion.contacts import NAMES, detect, runs
+from hqp.motion.contacts import NAMES, RAMP, detect, runs, smooth
 from hqp.motion.holds import Hold, Plane, turn, turns
 from hqp.motion.joints import parts_of
 from hqp.motion.measures import LEVEL, Measures, _slide, measure, segments
@@ -32,7 +32,6 @@ from hqp.motion.smoothing import Course, filtered
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import (
     FLAT,
-    RAMP,
     Targets,
     _arm,
     _floor,
@@ -41,7 +40,6 @@ from hqp.motion.targets import (
     _knee,
     _toe_height,
     _trunk,
-    smooth,
     targets_of,
     turned,
 )
@@ -310,12 +308,12 @@ def test_a_rest_begins_slow_and_ends_fast() -> None:
     for before, expected in ((0.0, True), (0.5, False)):
         speed = np.repeat([before, 0.2, 0.5], 60)
         place = np.column_stack((np.concatenate(([0.0], np.cumsum(speed)[:-1])) / fps, np.zeros(180), np.zeros(180)))
-        mask = rests._rests(place, fps, leg)
+        mask = rests.rests(place, fps, leg)
         assert mask[10:50].all() == expected
         assert not mask[64:].any()
-        back = rests._rests(place[::-1], fps, leg)[::-1]
+        back = rests.rests(place[::-1], fps, leg)[::-1]
         np.testing.assert_array_equal(back[10:50], mask[10:50])
-    still = rests._rests(np.zeros((50, 3)), fps, leg)
+    still = rests.rests(np.zeros((50, 3)), fps, leg)
     assert still.all()
 
 
