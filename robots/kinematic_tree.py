@@ -23,17 +23,13 @@ WHOLE = {
 def joints(model: Any, bodies: Sequence[Any]) -> tuple[TreeJoint, ...] | None:
     """One for each body but the world; None if a joint is a screw, whose turn and slide are one coordinate."""
     found = []
-    neutral, moving = pin.neutral(model), np.zeros(model.nv)
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.joints[i].shortname()
         kind, axis = WHOLE.get(name), np.array([0.0, 0.0, 1.0])
         if kind is None:
             if joint.nv != 1 or name == "JointModelComposite":
                 return None
-            moving[joint.idx_v] = 1.0  # this joint alone: the twist of its body is its axis, to the bit
-            own = joint.createData()
-            joint.calc(own, neutral, moving)
-            moving[joint.idx_v], twist = 0.0, own.v
+            twist = unit_twist(joint)
             if np.any(twist.linear != 0.0) and np.any(np.abs(twist.angular) > 1e-12):
                 return None  # a screw
             turns = bool(np.any(np.abs(twist.angular) > 1e-12))
@@ -42,6 +38,18 @@ def joints(model: Any, bodies: Sequence[Any]) -> tuple[TreeJoint, ...] | None:
         placed = _placed(int(model.parents[i]), model.jointPlacements[i], bodies[i][5])
         found.append((kind, int(joint.idx_q), int(joint.idx_v), tuple(axis.tolist()), placed))
     return tuple(found)
+
+
+def unit_twist(joint: Any) -> Any:
+    """Twist of the body of a joint of one coordinate at unit speed, in the joint's axes at its zero: its axis.
+
+    In a model of its own: Pinocchio 2.7 gives single joints no data, and data of the whole model takes nv^3 numbers.
+    """
+    alone = pin.Model()
+    alone.addJoint(0, joint, pin.SE3.Identity(), "joint")
+    data = alone.createData()
+    pin.forwardKinematics(alone, data, pin.neutral(alone), np.ones(1))
+    return data.v[1].copy()
 
 
 def frames(model: Any, views: Mapping[int, Any]) -> tuple[Placed, ...]:

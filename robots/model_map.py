@@ -18,12 +18,12 @@ import math
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from hqp.angles import wrapped
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import JointNotFound, ModelError
 
+from .kinematic_tree import unit_twist
 from .mjcf_names import joint_names
 from .mujoco_extra import mujoco
 
@@ -181,9 +181,7 @@ class ModelMap:
 
 def _axis(model: Any, index: int) -> Vec:
     """Axle of a single-axis joint in its parent's axes, ``(3,)``."""
-    own = model.joints[index].createData()
-    model.joints[index].calc(own, pin.neutral(model))
-    return np.asarray(model.jointPlacements[index].rotation @ np.ravel(own.S)[3:], dtype=np.float64)
+    return np.asarray(model.jointPlacements[index].rotation @ unit_twist(model.joints[index]).angular)
 
 
 def _rotation(wxyz: Vec) -> Mat:
