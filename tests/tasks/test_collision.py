@@ -98,6 +98,22 @@ def test_points_and_parallel_axes() -> None:
     assert abs(near[0] - near[1]) < 1e-6
 
 
+def test_nearest_points_of_axes_do_not_depend_on_the_unit() -> None:
+    """Axes of any length, crossing or nearly parallel, in km, m and mm; no point of a grid on them is nearer."""
+    rng = np.random.default_rng(4)
+    grid = np.linspace(0.0, 1.0, 41)
+    for k in range(200):
+        a, c, u = rng.uniform(-1, 1, (3, 3))
+        v = rng.uniform(-1, 1, 3) if k % 2 else rng.uniform(0.05, 2.0) * (u + 1e-3 * rng.uniform(-1, 1, 3))
+        s, t = distances.nearest(a, a + u, c, c + v)
+        for unit in (1e-3, 1e3):
+            again = distances.nearest(unit * a, unit * (a + u), unit * c, unit * (c + v))
+            np.testing.assert_allclose(again, (s, t), atol=1e-5)
+        least = np.linalg.norm(c + t * v - a - s * u)
+        gaps = (c - a) + grid[None, :, None] * v - grid[:, None, None] * u
+        assert least <= np.linalg.norm(gaps, axis=2).min() + 1e-9
+
+
 def write_box(path: Any, half: Any) -> None:
     """Write an STL of a box."""
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half
