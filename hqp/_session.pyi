@@ -145,6 +145,9 @@ class Live:
     def holds(self) -> dict[str, list[float]]:
         """Return hold values, flat, by name."""
 
+    def acceleration(self, torques: Vec, found: Vec) -> None:
+        """Write the acceleration of each coordinate under these torques, by the dynamics of the latest tick."""
+
     def too_large(self, q: Vec, v: Vec, angles: Vec) -> str:
         """Name the number of a valid state that is too large; "" for none."""
 
@@ -424,6 +427,7 @@ class Walker:
     state: WalkState
     why: list[str]
     stands: bool
+    rubs: bool
     support: str
     stopping_time: float
     pieces: list[tuple[float, _Two, _Two]]
@@ -453,6 +457,9 @@ class Walker:
         self, com: Sequence[float], velocity: Sequence[float], soles: Sequence[Sequence[float]], loads: Vec | None
     ) -> None:
         """Compute the references for a CoM and two soles, each a position and a rotation row by row."""
+
+    def overcome(self, v: Vec, acceleration: Vec | None) -> None:
+        """Add the friction of the joints to the torques of this tick; acceleration: that of v, None if unknown."""
 
     def finish(self, command: Vec, loads: Vec | None) -> None:
         """End the tick: scale and bound the torques in place."""

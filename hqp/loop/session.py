@@ -283,6 +283,12 @@ class Session:
         """Describe the number of a valid state beyond ``controller.bounds``; "" if there is none."""
         return self.line.native.too_large(state.q, state.v, state.angles)
 
+    def acceleration(self, torques: Vec) -> Vec:
+        """That of v under these torques, by the dynamics of the latest tick ``(nv,)``; at torque level only."""
+        found = np.empty(self.robot.nv)
+        self.line.native.acceleration(torques, found)
+        return found
+
     def record(
         self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
     ) -> Recorder:

@@ -53,7 +53,8 @@ class Walker:
     """Walks after ``go``, stands after ``stop``; ``step`` is one tick.  ``session.stop`` ends the walk, then holds.
 
     robot: a biped with a free base, that starts standing on both feet; with ``load(name, rotors=True)`` it knows the
-    inertia that its motors have in a Plant, without which light feet are controlled badly.  dt [s]: period of a tick.
+    inertia that its motors have in a Plant, without which light feet are controlled badly; torques overcome friction
+    of joints from its file (``robot.model.damping``, ``.friction``).  dt [s]: period of a tick.
     gait, reach, laws: parameters of the walk; a reach for None follows from how it stands.  soles: frames of the left
     and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of joints, of all
     but those of the legs if it names none, None for none.  price, deadline: arguments of Controller.  max_age: that of
@@ -141,7 +142,7 @@ class Walker:
             "gravity": self.ability.gravity, "omega": self.omega, "pendulum": both.omega(home),
             "start": self.start.tolist(), "elements": self._elements, "k": self._laws.balance.k,
             "weight": self.weight, "upright": upright.ravel().tolist(),
-            "limits": robot.effort_limit[robot.actuated].tolist(),
+            "limits": robot.effort_limit[robot.actuated].tolist(), "friction": _friction(robot),
         }  # fmt: skip
 
     # --------------------------------------------------------------------------------------------- state
@@ -270,6 +271,8 @@ class Walker:
             raise DeclarationError("walker", "loads", value=felt.tolist(), unit="N", allowed=allowed)
         self._native.step(state.q, state.v, felt)
         tick = self.session.step(state, *self._references(), now=now, phase=self.support)
+        if self._native.rubs:
+            self._native.overcome(state.v, self.session.acceleration(tick.x) if tick.status.solved else None)
         self._native.finish(tick.command, felt)
         return tick
 
@@ -304,3 +307,14 @@ class Walker:
         change = s / self.dt * (v - state.v)[motors]
         rates = state.v[motors]
         return state.angles[motors] + s * (rates + 0.5 * change) + tick.command / kp, rates + change
+
+
+def _friction(robot: Any) -> list[dict[str, Any]]:
+    """Viscous [N m s/rad] and dry friction [N m] of the joints with motors, of the robot's file."""
+    viscous = np.ravel(robot.model.damping)
+    dry = np.ravel(getattr(robot.model, "friction", np.zeros(robot.nv)))
+    return [
+        {"motor": i, "column": int(c), "viscous": float(viscous[c]), "dry": float(dry[c])}
+        for i, c in enumerate(np.arange(robot.nv)[robot.actuated])
+        if viscous[c] or dry[c]
+    ]

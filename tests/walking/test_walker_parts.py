@@ -52,7 +52,7 @@ class Alone:
         self.tree = {
             **parts(), "soles": soles, "dt": DT, "gait": GAIT.numbers, "reach": (0.3, 0.12, 0.35, 0.4), "planned": 0.24,
             "width": 0.2, "height": HEIGHT, "omega": 3.5, "pendulum": 3.5, "k": 3.0, "weight": WEIGHT,
-            "upright": np.eye(3).ravel().tolist(), "limits": [100.0, 50.0, 20.0],
+            "upright": np.eye(3).ravel().tolist(), "limits": [100.0, 50.0, 20.0], "friction": [],
         }  # fmt: skip
         self.native = _session.Walker(self.tree)
         self.at()

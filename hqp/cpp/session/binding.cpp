@@ -306,6 +306,7 @@ NB_MODULE(_session, module) {
       .def("keep_hold", &binding::LiveSession::keep_hold, "name"_a, "value"_a)
       .def("holds", &binding::LiveSession::holds)
       .def("too_large", &binding::LiveSession::too_large, "q"_a, "v"_a, "angles"_a)
+      .def("acceleration", &binding::LiveSession::acceleration, "torques"_a, "found"_a)
       .def_prop_ro("counters", [](const binding::LiveSession& s) { return counters_of(s.counters()); })
       .def_prop_ro("heartbeat", &binding::LiveSession::heartbeat)
       .def_prop_ro("good", &binding::LiveSession::good)

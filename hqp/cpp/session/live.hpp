@@ -196,6 +196,13 @@ class LiveSession {
   std::string too_large(const Vector& q, const Vector& v, const Vector& angles) {
     return session_->too_large(q.data(), v.data(), angles.data());
   }
+  // Acceleration of each coordinate under these torques, by the dynamics of the latest tick.
+  void acceleration(const Vector& torques, const Written& found) const {
+    const hqp::TorqueParts* parts = session_->line().torque();
+    if (!parts || torques.size() != parts->motors() || found.size() != parts->coordinates())
+      throw nb::value_error("the torques or accelerations of a line at torque level: wrong shape");
+    for (std::size_t i = 0; i < found.size(); ++i) found.data()[i] = parts->acceleration(i, torques.data());
+  }
   hqp::Counts counters() const { return session_->timing().counters().counts(); }
   std::int64_t heartbeat() const { return session_->timing().counters().heartbeat(); }
   bool good() const { return session_->latest().good; }

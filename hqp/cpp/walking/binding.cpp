@@ -72,6 +72,12 @@ class LiveWalker {
     require(torques.size() == walker_.motors() && (!loads || loads->size() == 2), "command or loads");
     walker_.finish(loads ? loads->data() : nullptr, torques.data());
   }
+  // acceleration: that of v (nv), none for an unsolved tick.
+  void overcome(const Vector& v, const std::optional<Vector>& acceleration) {
+    const auto nv = std::size_t(kinematics_.nv());
+    require(v.size() == nv && (!acceleration || acceleration->size() == nv), "v or acceleration");
+    walker_.overcome(v.data(), [&](std::size_t column) { return acceleration ? acceleration->data()[column] : 0.0; });
+  }
   hqp::Walker& get() { return walker_; }
 
  private:
@@ -264,6 +270,8 @@ void bind_walking(nb::module_& module) {
       .def("stop", [](LiveWalker& w) { w.get().stop(); })
       .def("step", &LiveWalker::step, "q"_a, "v"_a, "loads"_a.none())
       .def("step_on", &LiveWalker::step_on, "com"_a, "velocity"_a, "soles"_a, "loads"_a.none())
+      .def("overcome", &LiveWalker::overcome, "v"_a, "acceleration"_a.none())
+      .def_prop_ro("rubs", [](LiveWalker& w) { return w.get().rubs(); })
       .def("finish", &LiveWalker::finish, "command"_a.noconvert(), "loads"_a.none())
       .def(
           "planned", [](LiveWalker& w, double time) { return pair(w.get().plan().at(time).first); }, "time"_a)

@@ -64,6 +64,10 @@ class Steered {
     refer(walker, session);
     const Tick& tick = session.step(q, v, facts);
     std::copy(tick.command().begin(), tick.command().end(), command);
+    if (walker.rubs())
+      walker.overcome(v, [&](std::size_t column) {
+        return tick.solved() ? session.current().line().torque()->acceleration(column, tick.x().data()) : 0.0;
+      });
     walker.finish(loads, command);
     return tick;
   }
@@ -74,24 +78,24 @@ class Steered {
 
   void refer(const Walker& walker, Stacks& session) const {
     const WalkReferences& found = walker.references();
-    const auto give = [&](int element, int field, const double* numbers, std::size_t size) {
+    const auto offer = [&](int element, int field, const double* numbers, std::size_t size) {
       session.offer(places_[std::size_t(element)], field, numbers, size);
     };
     const WalkState& state = walker.state();
-    give(kBalance, kValue, found.balance.data(), 4);
-    give(kHeight, kValue, &found.height, 1);
+    offer(kBalance, kValue, found.balance.data(), 4);
+    offer(kHeight, kValue, &found.height, 1);
     if (state.swings()) {
       const int swing = kSwing + 1 - state.stance;
-      give(swing, kValue, found.swing.data(), 16);
-      give(swing, kVelocity, found.swing_velocity.data(), 6);
-      give(swing, kAcceleration, found.swing_acceleration.data(), 6);
+      offer(swing, kValue, found.swing.data(), 16);
+      offer(swing, kVelocity, found.swing_velocity.data(), 6);
+      offer(swing, kAcceleration, found.swing_acceleration.data(), 6);
     } else {
-      give(kShare, kValue, &found.share, 1);
+      offer(kShare, kValue, &found.share, 1);
     }
-    give(kTrunk, kValue, found.trunk.data(), 9);
+    offer(kTrunk, kValue, found.trunk.data(), 9);
     for (const int side : {kLeft, kRight})
       if (!state.swings() || side == state.stance)
-        give(kSole + side, kNormal, found.normal[std::size_t(side)].data(), 3);
+        offer(kSole + side, kNormal, found.normal[std::size_t(side)].data(), 3);
   }
 
   Memory memory_;

@@ -14,6 +14,7 @@
 #include "ability.hpp"
 #include "adjustment.hpp"
 #include "biped.hpp"
+#include "joint_friction.hpp"
 #include "pendulum.hpp"
 #include "swing.hpp"
 
@@ -87,7 +88,12 @@ class Walker {
     const std::vector<double> upright = p.numbers("upright", 9);
     std::copy(upright.begin(), upright.end(), upright_.begin());
     limits_ = p.numbers("limits");
-    rest_.resize(limits_.size()), sent_.resize(limits_.size());
+    rest_.resize(limits_.size()), sent_.resize(limits_.size()), overcome_.resize(limits_.size());
+    for (const Plan& one : p.parts("friction")) {
+      friction_.push_back(JointFriction::of(one));
+      need(friction_.back().motor < limits_.size() && friction_.back().column < std::size_t(p.integer("nv")),
+           "friction is that of a motor");
+    }
     support_ = std::make_unique<Support>(biped_, soles_);
     paces_.reserve(Ability::kMost + 4), pieces_.reserve(kPieces);
   }
@@ -146,11 +152,18 @@ class Walker {
     advance(loads);
     refer();
   }
+  bool rubs() const { return !friction_.empty(); }
+  // Add the friction of the joints to the torques of this tick, at the rates v and those that they cause.
+  template <class Acceleration>
+  void overcome(const double* v, const Acceleration& acceleration) {
+    for (const JointFriction& one : friction_)
+      overcome_[one.motor] = one.torque(v[one.column], acceleration(one.column));
+  }
   // End of a tick: scale its torques by the weight felt; after a switch go on from those before, within the limits.
   void finish(const double* loads, double* command) {
     if (loads) weigh(loads[0] + loads[1]);
     for (std::size_t i = 0; i < limits_.size(); ++i) {
-      command[i] *= state_.heavier;
+      command[i] = command[i] * state_.heavier + overcome_[i];
       if (state_.entered && has_sent_) rest_[i] = sent_[i] - command[i];
       const double fading = limits_[i] * dt_ / kFade;
       rest_[i] -= held(rest_[i], -fading, fading);
@@ -384,7 +397,8 @@ class Walker {
   Ability ability_{};
   std::vector<Sole> soles_;
   std::array<double, 9> upright_{};
-  std::vector<double> limits_, rest_, sent_;
+  std::vector<double> limits_, rest_, sent_, overcome_;
+  std::vector<JointFriction> friction_;
   bool has_sent_ = false;
   BipedState biped_;
   std::unique_ptr<Support> support_;

@@ -1,0 +1,89 @@
+"""Bipeds of drawn sizes as MJCF files: what a walker is given, with no name that it knows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+ANKLES = "pitch", "roll"
+
+
+def biped(
+    folder: Path,
+    *,
+    size: float = 1.0,
+    damping: float = 0.0,
+    dry: float = 0.0,
+    bend: float = 0.0,
+    heel: float = 0.0,
+    ahead: float = 0.04,
+    right_first: bool = False,
+    ankles: tuple[str, ...] = ANKLES,
+    pairs: bool = False,
+    name: str = "biped",
+) -> Path:
+    """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
+
+    damping, dry: friction of each joint, as a share of size^4 (viscous, [N m s/rad]) and size^3 ([N m]).  bend: angle
+    of the knees in the keyframe [rad]; heel: that by which soles are turned from level in it, toes up [rad].  ahead: of
+    the soles' middle from the ankles, times size [m].  right_first: order of the legs.  pairs: soles touch only the
+    geom ``floor``, by pairs.
+    """
+    s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'
+    touch = 'contype="0" conaffinity="0"' if pairs else ""
+    axes = {"pitch": "0 1 0", "roll": "1 0 0", "yaw": "0 0 1"}
+    quiet = 'contype="0" conaffinity="0"'
+
+    def hinge(joint: str, axis: str, most: float, range_: str = "-1.5 1.5") -> str:
+        armature = 0.01 * size**5
+        return (
+            f'<joint name="{joint}" axis="{axes[axis]}" range="{range_}" armature="{armature:.6g}" {rub} '
+            f'actuatorfrcrange="{-most * s**4:.6g} {most * s**4:.6g}"/>'
+        )
+
+    def link(body: str, place: tuple[float, float, float], inside: str, mass: float, half: tuple[float, ...]) -> str:
+        at = " ".join(f"{s * x:.6g}" for x in place)
+        box = " ".join(f"{s * x:.6g}" for x in half)
+        middle = f"0 0 {-s * half[2]:.6g}"
+        return (
+            f'<body name="{body}" pos="{at}"><geom type="box" size="{box}" pos="{middle}" mass="{mass * s**3:.6g}" '
+            f"{quiet}/>{inside}</body>"
+        )
+
+    def leg(side: str, y: float) -> str:
+        sole = (
+            f'<geom name="{side}_s" type="box" size="{0.1 * s:.6g} {0.045 * s:.6g} {0.01 * s:.6g}" '
+            f'pos="{ahead * s:.6g} 0 {-0.05 * s:.6g}" mass="{0.8 * s**3:.6g}" {touch}/>'
+        )
+        inside = "".join(hinge(f"{side}_a_{axis}", axis, 80.0) for axis in ankles) + sole
+        foot = f'<body name="{side}_f" pos="0 0 {-0.35 * s:.6g}">{inside}</body>'
+        shank = link(
+            f"{side}_k",
+            (0.0, 0.0, -0.35),
+            hinge(f"{side}_k", "pitch", 150.0, "-0.1 2.4") + foot,
+            2.0,
+            (0.03, 0.03, 0.17),
+        )
+        hip = "".join(hinge(f"{side}_h_{axis}", axis, 150.0) for axis in ("yaw", "roll", "pitch"))
+        return link(f"{side}_t", (0.0, y, 0.0), hip + shank, 4.0, (0.04, 0.04, 0.17))
+
+    legs = [leg("u", 0.09), leg("w", -0.09)]
+    trunk = (
+        f'<freejoint/><geom type="box" size="{0.09 * s:.6g} {0.12 * s:.6g} {0.2 * s:.6g}" pos="0 0 {0.2 * s:.6g}" '
+        f'mass="{22.0 * s**3:.6g}" {quiet}/>'
+    )
+    bent = [0.0, 0.0, -0.5 * bend, bend, -0.5 * bend - heel, 0.0][: 4 + len(ankles)]
+    key = [0.0, 0.0, 0.76 * s, 1.0, 0.0, 0.0, 0.0, *bent, *bent]
+    names = [f"{side}_{j}" for side in "uw" for j in ("h_yaw", "h_roll", "h_pitch", "k", *(f"a_{a}" for a in ankles))]
+    motors = "".join(f'<motor name="{joint}" joint="{joint}"/>' for joint in names)
+    contact = "".join(f'<pair geom1="{side}_s" geom2="floor" condim="3"/>' for side in "uw") if pairs else ""
+    floor = '<geom name="floor" type="plane" size="5 5 1"/>' if pairs else ""
+    path = folder / f"{name}.xml"
+    path.write_text(
+        f'<mujoco model="{name}"><compiler angle="radian" autolimits="true"/><worldbody>{floor}'
+        f'<body name="trunk" pos="0 0 {0.76 * s:.6g}">{trunk}{"".join(legs[::-1] if right_first else legs)}</body>'
+        f'</worldbody><contact>{contact}</contact><actuator>{motors}</actuator><keyframe><key name="home" qpos="'
+        f'{" ".join(f"{x:.6g}" for x in np.asarray(key))}"/></keyframe></mujoco>'
+    )
+    return path
