@@ -50,6 +50,8 @@ def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Pat
             )
         raise ModelError(f"no MJCF {stem!r}: neither a file nor one of {', '.join(own)}")
     name_all(spec)
+    if mjcf is None and file_kind.of(path) != "urdf":
+        urdf_plant.free_frames(spec, robot)
     return prepared(spec, timestep), path, {}
 
 

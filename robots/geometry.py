@@ -14,6 +14,7 @@ from hqp.errors import ModelError
 
 from .description import Description
 from .surface import surface
+from .touching import touching
 
 Kind = Literal["collision", "visual"]
 
@@ -58,9 +59,8 @@ def folders(path: Path) -> list[str]:
 def _from_mujoco(found: Description, kind: Kind) -> Any:
     """Geoms that can touch others for collision, those of the groups shown by default for visual."""
     simulated, model = found.simulated, pin.GeometryModel()
-    collides = (np.asarray(simulated.geom_contype) != 0) | (np.asarray(simulated.geom_conaffinity) != 0)
     shown = np.asarray(simulated.geom_group) <= 2
-    for g in np.flatnonzero(collides if kind == "collision" else shown):
+    for g in np.flatnonzero(touching(simulated) if kind == "collision" else shown):
         body = int(simulated.geom_bodyid[g])
         shape = _shape(simulated, int(g)) if body not in found.scene else None
         if shape is None:

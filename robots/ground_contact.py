@@ -15,6 +15,7 @@ from hqp.errors import DeclarationError
 
 from .frames import Frames
 from .mujoco_extra import mujoco
+from .touching import touching
 
 Triple = tuple[float, float, float]
 _NOWHERE = (0.0,) * 6  # normal and point without a contact
@@ -47,7 +48,7 @@ def watch(
     Raises FrameNotFound, DeclarationError for a frame that can touch nothing, or two that would share their contacts.
     """
     shaped = np.zeros(model.nbody, dtype=bool)
-    shaped[model.geom_bodyid[(model.geom_contype != 0) | (model.geom_conaffinity != 0)]] = True
+    shaped[model.geom_bodyid[touching(model)]] = True
     for body in range(model.nbody - 1, 0, -1):  # children come after parents
         shaped[model.body_parentid[body]] |= shaped[body]
     bodies: dict[int, str] = {}

@@ -13,6 +13,7 @@ from hqp.shapes import Shape
 
 from .mujoco_extra import mujoco
 from .obstacles import Obstacles
+from .touching import touching
 
 
 def read(simulated: Any, names: tuple[str, ...], own: frozenset[int]) -> Obstacles:
@@ -20,13 +21,13 @@ def read(simulated: Any, names: tuple[str, ...], own: frozenset[int]) -> Obstacl
     data = mujoco.MjData(simulated)
     mujoco.mj_kinematics(simulated, data)
     found: list[Shape] = []
-    bodies, places, about = {}, {}, []
+    bodies, places, about, touches = {}, {}, [], touching(simulated)
     for body in np.flatnonzero(simulated.body_treeid >= 0).tolist():
         if body in own:
             continue
         bodies[names[body]] = pose = _matrix(data.xpos[body], data.xmat[body].reshape(3, 3))
         first, count = int(simulated.body_geomadr[body]), int(simulated.body_geomnum[body])
-        geoms = [g for g in range(first, first + count) if simulated.geom_contype[g] or simulated.geom_conaffinity[g]]
+        geoms = [g for g in range(first, first + count) if touches[g]]
         for k, g in enumerate(geoms):
             name = names[body] if len(geoms) == 1 else f"{names[body]}/{simulated.geom(g).name or k}"
             shape, local, exact = _shape(simulated, g, name)

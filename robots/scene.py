@@ -15,6 +15,8 @@ from .terrain import Terrain
 HAND = "human_hand"
 VIEWS = {"side": (-90.0, -8.0), "front": (0.0, -8.0), "corner": (-50.0, -18.0), "top": (-90.0, -89.0)}
 """Named cameras, which follow the centre of mass: azimuth of the camera and elevation of its view [deg]."""
+PAIRED = 1 << 20
+"""Contact bit of the ground for geoms that touch the planes of their file by pairs alone."""
 DISTANCE = 2.6  # distance of the cameras from the centre of mass [m]
 _SKIN = (0.87, 0.67, 0.53, 1.0)
 
@@ -28,6 +30,8 @@ def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
             spec.delete(camera)
     _sky_and_light(spec)
     if terrain is not None:
+        planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
+        _let_go(spec, {plane.name for plane in planes})
         for geom in list(spec.worldbody.geoms):
             if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
                 spec.delete(geom)
@@ -65,10 +69,22 @@ def _sky_and_light(spec: Any) -> None:
         light.specular = [0.1] * 3
 
 
+def _let_go(spec: Any, planes: set[str]) -> None:
+    """Delete the contact pairs with these planes; their other geoms touch what has the contact bit of the ground."""
+    for pair in list(spec.pairs):
+        ends = (pair.geomname1, pair.geomname2)
+        if planes.isdisjoint(ends):
+            continue
+        for geom in spec.geoms:
+            if geom.name in ends:
+                geom.conaffinity |= PAIRED
+        spec.delete(pair)
+
+
 def _ground(spec: Any, terrain: Terrain) -> None:
     # priority: friction and stiffness are the ground's for every body on it
     law = {
-        "contype": 1,
+        "contype": 1 | PAIRED,
         "conaffinity": 1,
         "condim": 3,
         "priority": 1,

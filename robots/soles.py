@@ -18,8 +18,11 @@ SOLE = 4e-3
 SIDE_BY_SIDE = 0.03
 """The lowest shapes of two feet differ by at most this at home [m]."""
 
-UPRIGHT = np.deg2rad(3.0)
-"""A frame turned by less against (ahead, left, up) at home is that of a sole."""
+UPRIGHT = np.deg2rad(1.0)
+"""A frame turned by less against the sole (ahead, left, up) at home is that of a sole: SOLE over the length of one."""
+
+TIPPED, FLAT = np.deg2rad(40.0), np.deg2rad(2.0)
+"""A sole is turned by less from level at home; the normals of its triangles differ by less."""
 
 TOES = 0.05
 """A sole whose middle is off its ankle by less, as a share of its length, does not show which way is ahead."""
@@ -106,8 +109,9 @@ def _area(corners: list[Any], k: int) -> float:
 def feet(robot: Any) -> tuple[Any, tuple[str, str]]:
     """Find the two feet of a floating robot at home: the lowest collision shapes of two links, the left one first.
 
-    Returns the robot and the frames of both soles.  A frame of the link with the axes ahead, left, up at home is taken
-    (``standing_axes``); without one the returned robot gets the frame ``LINK_sole``.
+    Returns the robot and the frames of both soles.  A frame of the link with the axes of its sole is taken: ahead, left
+    (``standing_axes``), and up from its largest flat face, which need not be level at home.  Without one the returned
+    robot gets the frame ``LINK_sole``.
     Raises ModelError for a robot whose lowest shapes are not those of two links side by side.
     """
     left, right = foot_joints(robot)
@@ -152,6 +156,8 @@ def foot_joints(robot: Any) -> tuple[int, int]:
     second = min(rest, key=lowest.__getitem__, default=0)
     level = [j for j in rest if lowest[j] <= lowest[first] + SIDE_BY_SIDE]
     more = [j for j in level if j not in robot.model.supports[second] and second not in robot.model.supports[j]]
+    if not lowest:
+        raise ModelError(f"{robot.name}: no moving link has collision shapes; needed the shapes of two soles")
     if len(level) < 1 or more:
         names = ", ".join(robot.model.names[j] for j in (first, *level)) or "none"
         raise ModelError(
@@ -166,14 +172,55 @@ def foot_joints(robot: Any) -> tuple[int, int]:
 
 def _toes(robot: Any, joint: int, ahead: Vec) -> float:
     """Distance of the middle of a sole ahead of its joint, as a share of its length."""
-    items = [item for item in robot.geometry.geometryObjects if item.parentJoint == joint]
-    cloud = np.vstack([_placed_in_world(robot, item) for item in items]) - robot.data.oMi[joint].translation
+    turn = _levelled(robot, joint)
+    cloud = _turned(robot, joint, turn) - turn @ robot.data.oMi[joint].translation
     along = cloud[cloud[:, 2] < cloud[:, 2].min() + SOLE] @ ahead
     return float(0.5 * (along.max() + along.min()) / max(float(np.ptp(along)), SOLE))
 
 
 def _placed_in_world(robot: Any, item: Any) -> Mat:
     return surface(item).placed(robot.data.oMi[item.parentJoint]).lowest()
+
+
+def _turned(robot: Any, joint: int, turn: Mat) -> Mat:
+    """Lowest points of the shapes of a joint's link at home, turned about the world's origin ``(n, 3)`` [m]."""
+    placed = pin.SE3(turn, np.zeros(3)) * robot.data.oMi[joint]
+    items = [item for item in robot.geometry.geometryObjects if item.parentJoint == joint]
+    return np.vstack([surface(item).placed(placed).lowest() for item in items])
+
+
+def _levelled(robot: Any, joint: int) -> Mat:
+    """Rotation ``(3, 3)`` that makes the largest flat face below a joint's link level, from its pose at home; the
+    identity if no face is turned by less than TIPPED.
+    """
+    turn = np.eye(3)
+    for _ in range(3):  # the lowest points of rounded shapes depend on it
+        normal = _largest_face(_turned(robot, joint, turn))
+        if normal is None:
+            break
+        turn = pin.Quaternion.FromTwoVectors(normal, np.array([0.0, 0.0, -1.0])).matrix() @ turn
+    return turn
+
+
+def _largest_face(cloud: Mat) -> Vec | None:
+    """Outward normal ``(3,)`` of the largest face of the convex hull among those turned by less than TIPPED from below;
+    triangles whose normals differ by less than FLAT are one face.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    above = cloud.mean(axis=0) + [0.0, 0.0, 1.0]  # shapes in one plane have no hull
+    try:
+        hull = ConvexHull(np.vstack([cloud, above]))
+    except QhullError:
+        return None
+    below = hull.equations[:, 2] < -np.cos(TIPPED)
+    if not below.any():
+        return None
+    normals, corners = hull.equations[below, :3], hull.points[hull.simplices[below]]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    alike = (normals @ normals.T > np.cos(FLAT)) * areas
+    found: Vec = (alike @ normals)[int(np.argmax(alike.sum(axis=1)))]
+    return found / np.linalg.norm(found)
 
 
 def _body(robot: Any, joint: int) -> str:
@@ -183,8 +230,10 @@ def _body(robot: Any, joint: int) -> str:
 
 
 def _level_frame(robot: Any, joint: int, axes: Mat) -> tuple[Any, str]:
-    """Frame of a joint with these axes at home; a new one is added to a robot without it."""
+    """Frame of a joint with these axes on its level sole; a new one is added to a robot without it."""
     state = robot.state(robot.home)
+    state.kinematics()
+    axes = _levelled(robot, joint).T @ axes
     for frame in robot.model.frames:
         fixed = frame.parentJoint == joint and frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
         if fixed and np.trace(axes.T @ state.rotation(frame.name)) > 1.0 + 2.0 * np.cos(UPRIGHT):

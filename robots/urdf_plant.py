@@ -60,7 +60,7 @@ def _spec(root: ET.Element, robot: Any) -> Any:
     if robot.floating and robot.model.names[1] not in [joint.name for joint in spec.joints]:
         free = spec.worldbody.first_body().add_freejoint()
         free.name = robot.model.names[1]
-    _free_frames(spec, robot)
+    free_frames(spec, robot)
     _shapes(spec, robot)
     _sole_corners(spec, robot)
     try:
@@ -71,12 +71,13 @@ def _spec(root: ET.Element, robot: Any) -> Any:
     return spec
 
 
-def _free_frames(spec: Any, robot: Any) -> None:
+def free_frames(spec: Any, robot: Any) -> None:
     """Frames that only the robot has (soles of the catalogue, ``with_frame``) become sites."""
     bodies = {body.name for body in spec.bodies}
+    known = bodies | {site.name for site in spec.sites}
     for frame in robot.model.frames:
         host = _host(robot, frame)
-        if frame.type == pin.FrameType.OP_FRAME and host in bodies and frame.name not in bodies:
+        if frame.type == pin.FrameType.OP_FRAME and host in bodies and frame.name.removesuffix("_site") not in known:
             local = _placement_in(robot, host, frame.placement)
             wxyz = pin.Quaternion(local.rotation)
             spec.body(host).add_site(name=frame.name, pos=local.translation, quat=[wxyz.w, wxyz.x, wxyz.y, wxyz.z])

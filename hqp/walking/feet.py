@@ -71,6 +71,7 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         raise DeclarationError("walker", "no biped", value=given, allowed="a free base and the frames of two soles")
     feet, home = [], robot.copy().state(robot.home)
     axes = standing_axes(robot, *(robot.body(robot.frame(frame)) for frame in frames))
+    _require_six(robot, frames)
     for side, frame in enumerate(frames):
         corners = sole(robot, frame)
         box = np.array(corners)
@@ -80,6 +81,21 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         margin = min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))
         feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw_of(axes.T @ home.rotation(frame))))
     return feet[0], feet[1]
+
+
+def _require_six(robot: Any, frames: Sequence[str]) -> None:
+    """Raise DeclarationError for a leg that cannot turn and move its sole in all six directions."""
+    for frame in frames:
+        moved = [
+            n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if robot.support(robot.frame(frame))[c]
+        ]
+        if len(moved) < 6:
+            raise DeclarationError(
+                "walker",
+                f"joints between base and {frame!r}",
+                value=f"{len(moved)} ({', '.join(moved)})",
+                allowed="six or more: a flat sole stays on the ground if the leg holds it in all directions",
+            )
 
 
 def base_of(robot: Any) -> str:

@@ -17,6 +17,7 @@ def biped(
     dry: float = 0.0,
     bend: float = 0.0,
     heel: float = 0.0,
+    tilt: float = 0.0,
     ahead: float = 0.04,
     right_first: bool = False,
     ankles: tuple[str, ...] = ANKLES,
@@ -26,9 +27,9 @@ def biped(
     """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
 
     damping, dry: friction of each joint, as a share of size^4 (viscous, [N m s/rad]) and size^3 ([N m]).  bend: angle
-    of the knees in the keyframe [rad]; heel: that by which soles are turned from level in it, toes up [rad].  ahead: of
-    the soles' middle from the ankles, times size [m].  right_first: order of the legs.  pairs: soles touch only the
-    geom ``floor``, by pairs.
+    of the knees in the keyframe [rad].  heel: angle of the soles from level in it, toes up [rad].  tilt: of the soles
+    against the frames of their feet, toes down [rad].  ahead: of the soles' middle from the ankles, times size [m].
+    right_first: order of the legs.  ankles: their axes.  pairs: soles touch only the geom ``floor``, by pairs.
     """
     s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'
     touch = 'contype="0" conaffinity="0"' if pairs else ""
@@ -51,10 +52,12 @@ def biped(
             f"{quiet}/>{inside}</body>"
         )
 
+    x, z = ahead * np.cos(tilt) - 0.05 * np.sin(tilt), -ahead * np.sin(tilt) - 0.05 * np.cos(tilt)
+
     def leg(side: str, y: float) -> str:
         sole = (
             f'<geom name="{side}_s" type="box" size="{0.1 * s:.6g} {0.045 * s:.6g} {0.01 * s:.6g}" '
-            f'pos="{ahead * s:.6g} 0 {-0.05 * s:.6g}" mass="{0.8 * s**3:.6g}" {touch}/>'
+            f'pos="{x * s:.6g} 0 {z * s:.6g}" axisangle="0 1 0 {tilt:.12g}" mass="{0.8 * s**3:.6g}" {touch}/>'
         )
         inside = "".join(hinge(f"{side}_a_{axis}", axis, 80.0) for axis in ankles) + sole
         foot = f'<body name="{side}_f" pos="0 0 {-0.35 * s:.6g}">{inside}</body>'
@@ -73,7 +76,7 @@ def biped(
         f'<freejoint/><geom type="box" size="{0.09 * s:.6g} {0.12 * s:.6g} {0.2 * s:.6g}" pos="0 0 {0.2 * s:.6g}" '
         f'mass="{22.0 * s**3:.6g}" {quiet}/>'
     )
-    bent = [0.0, 0.0, -0.5 * bend, bend, -0.5 * bend - heel, 0.0][: 4 + len(ankles)]
+    bent = [0.0, 0.0, -0.5 * bend, bend, -0.5 * bend - heel - tilt, 0.0][: 4 + len(ankles)]
     key = [0.0, 0.0, 0.76 * s, 1.0, 0.0, 0.0, 0.0, *bent, *bent]
     names = [f"{side}_{j}" for side in "uw" for j in ("h_yaw", "h_roll", "h_pitch", "k", *(f"a_{a}" for a in ankles))]
     motors = "".join(f'<motor name="{joint}" joint="{joint}"/>' for joint in names)
@@ -84,6 +87,6 @@ def biped(
         f'<mujoco model="{name}"><compiler angle="radian" autolimits="true"/><worldbody>{floor}'
         f'<body name="trunk" pos="0 0 {0.76 * s:.6g}">{trunk}{"".join(legs[::-1] if right_first else legs)}</body>'
         f'</worldbody><contact>{contact}</contact><actuator>{motors}</actuator><keyframe><key name="home" qpos="'
-        f'{" ".join(f"{x:.6g}" for x in np.asarray(key))}"/></keyframe></mujoco>'
+        f'{" ".join(f"{number:.12g}" for number in key)}"/></keyframe></mujoco>'
     )
     return path

@@ -1,0 +1,83 @@
+"""Bipeds from files with no name that the project knows: soles, start, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp.errors import DeclarationError, ModelError
+from hqp.robots.soles import UPRIGHT, feet, sole
+from hqp.walking import Walker
+from tests.scenes.bipeds import biped
+
+
+def loaded(path: Path) -> tuple[Any, tuple[str, str]]:
+    return feet(hqp.robots.load(path, floating=True, rotors=True))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_soles_that_are_not_level_at_home_are_whole_and_left_is_left(seed: int, tmp_path: Path) -> None:
+    """On their heels or toes at home, in any order of the legs: an edge that is lowest is no sole, nor shows toes."""
+    rng = np.random.default_rng(seed)
+    heel, ahead, tilt, bend = rng.uniform([-0.5, 0.02, -0.3, 0.0], [0.5, 0.05, 0.3, 1.0]).tolist()
+    right_first = bool(rng.integers(2))
+    robot, soles = loaded(biped(tmp_path, bend=bend, heel=heel, tilt=tilt, ahead=ahead, right_first=right_first))
+    home = robot.state(robot.home)
+    for frame, side in zip(soles, "uw", strict=True):
+        assert robot.model.names[robot.model.frames[robot.frame(frame)].parentJoint] == f"{side}_a_roll"
+        np.testing.assert_allclose(home.rotation(frame)[:, 2], [-math.sin(heel), 0.0, math.cos(heel)], atol=UPRIGHT)
+        low, high = np.min(sole(robot, frame), axis=0), np.max(sole(robot, frame), axis=0)
+        np.testing.assert_allclose([*low, *high], [ahead - 0.1, -0.045, ahead + 0.1, 0.045], atol=2e-3)
+    state = robot.copy().state(Walker(robot, soles=soles).start)
+    for frame in soles:
+        assert state.rotation(frame)[2, 2] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_shapes_that_touch_by_contact_pairs_are_soles_and_stand(tmp_path: Path) -> None:
+    """Geoms without contact bits, whose pairs with the floor are in the file: on the plant's ground they bear it."""
+    plain, paired = (loaded(biped(tmp_path, pairs=pairs, name=f"p{pairs}")) for pairs in (False, True))
+    assert [sole(plain[0], frame) for frame in plain[1]] == [sole(paired[0], frame) for frame in paired[1]]
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    robot, soles = paired
+    course = course_of(Walker(robot, soles=soles, deadline=math.inf), sensors=None)
+    for _ in range(200):
+        course.step()
+    assert not course.fallen
+    load = course.plant.measure().contacts.load.sum()
+    assert load == pytest.approx(course.walker.weight, rel=0.1)
+
+
+def test_a_frame_that_was_added_is_one_of_the_plant(tmp_path: Path) -> None:
+    """A sole that no frame of the file has is watched in MuJoCo where the robot has it."""
+    plant_of = pytest.importorskip("hqp.robots.on_mujoco").Plant
+    robot, soles = loaded(biped(tmp_path, bend=0.6, heel=0.2, tilt=0.3))
+    assert soles == ("u_f_sole", "w_f_sole")
+    plant = plant_of(robot, watched=soles)
+    plant.reset(robot.home)
+    state = robot.state(robot.home)
+    for frame in soles:
+        place, turn = plant.place(frame)
+        np.testing.assert_allclose(place, state.position(frame), atol=1e-9)
+        np.testing.assert_allclose(turn, state.rotation(frame), atol=1e-9)
+
+
+@pytest.mark.parametrize("ankles", [(), ("pitch",), ("roll",)])
+def test_legs_that_do_not_hold_a_sole_flat_are_refused(ankles: tuple[str, ...], tmp_path: Path) -> None:
+    """A walker for them stands at first, then falls."""
+    robot = hqp.robots.load(biped(tmp_path, ankles=ankles), floating=True)
+    frames = ("u_f", "w_f") if ankles else ("u_k", "w_k")
+    with pytest.raises(DeclarationError, match=rf"walker: joints between base and .*'{4 + len(ankles)} \(.*six"):
+        Walker(robot, soles=frames)
+
+
+def test_a_biped_without_shapes_is_refused_by_name(tmp_path: Path) -> None:
+    path = biped(tmp_path, pairs=True)
+    text = path.read_text()
+    path.write_text(text[: text.index("<contact>")] + text[text.index("</contact>") + len("</contact>") :])
+    with pytest.raises(ModelError, match="no moving link has collision shapes"):
+        loaded(path)
