@@ -129,17 +129,28 @@ class Judge:
         return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
 
     def descend(
-        self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, sizes: Vec, zero: float, far: float
+        self,
+        A: Mat,
+        value: Vec,
+        lower: Vec,
+        upper: Vec,
+        lengths: Vec,
+        sizes: Vec,
+        zero: float,
+        far: float,
+        moved: Mat | None = None,
     ) -> int:
         """Take in the level just judged; return how many directions it fixed.
 
-        zero: rows of this length have none.  far: ||x||, whose rounding each row has.
+        zero: rows of this length have none.  far: ||x||, whose rounding each row has.  moved: ``(m, 2)``, by how much
+        rounding elsewhere moved each lower and upper bound.
         """
         floor = max(1e-13 * lengths.max(initial=0.0), zero)
         real = lengths > floor
         unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=real[:, None])
         slop = self.tolerance * (lengths + sizes) + NULL_SPACE_ROUNDING * far * lengths
-        at_upper, at_lower = value >= upper - slop, value <= lower + slop
+        by_lower, by_upper = np.zeros((2, value.size)) if moved is None else moved.T
+        at_lower, at_upper = value <= lower + slop + by_lower, value >= upper - slop - by_upper
         beyond = (value > upper + slop) | (value < lower - slop)
         fixed = real & ((at_upper & at_lower) | beyond)
         fixed[self._own] = True

@@ -168,17 +168,19 @@ class Anchor:
 class Above:
     """Rows and anchors handed down by the levels solved so far: S as hard rows, and R as a sum of anchors.
 
-    places: numbers of the hard rows among all rows of the hierarchy, -1 for other rows.
+    places: numbers of the hard rows among all rows of the hierarchy, -1 for other rows.  moved: ``(rows, 2)``, by how
+    much rounding of a stage's end moved the lower and the upper bound of each: within that a row is at its bound.
     """
 
     hard: Rows
     anchors: tuple[Anchor, ...]
     places: Index
+    moved: Mat
 
     @staticmethod
     def none(n: int) -> Above:
         """Above the first level."""
-        return Above(Rows(np.zeros((0, n)), np.zeros(0), np.zeros(0)), (), np.zeros(0, dtype=np.intp))
+        return Above(Rows(np.zeros((0, n)), np.zeros(0), np.zeros(0)), (), np.zeros(0, dtype=np.intp), np.zeros((0, 2)))
 
     def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates, near: Vec | None = None) -> Above:
         """With a level of the problem solved, whose stage ended at x; near: argument of at_optimum."""
@@ -186,7 +188,7 @@ class Above:
         places = np.arange(first, first + rows.m)
         if problem.prices is None or not problem.prices[level] > 0.0:
             at_end = kept(rows, x) if self.anchors else at_optimum(rows, x, near)  # equal if R = 0
-            return self.with_rows(at_end, places)
+            return self.with_rows(at_end, places, _moved(rows, at_end, x))
         if is_met(rows, x):
             return self.with_rows(rows, places)
         omega = float(np.linalg.norm(w := rows.slack(x)))
@@ -202,11 +204,12 @@ class Above:
         anchor = Anchor(kept(held, x), give, math.sqrt(t) * omega * turning, uncertain, x, places[asks])
         return replace(self, anchors=(*self.anchors, anchor))
 
-    def with_rows(self, rows: Rows, places: Index) -> Above:
-        """With more hard rows."""
+    def with_rows(self, rows: Rows, places: Index, moved: Mat | None = None) -> Above:
+        """With more hard rows; moved: none by default."""
         hard = stack_rows([self.hard, rows], self.hard.A.shape[1])  # type: ignore[union-attr]
         named = places if places.size == rows.m else np.full(rows.m, -1)
-        return Above(hard, self.anchors, np.concatenate([self.places, named]))
+        moved = np.zeros((rows.m, 2)) if moved is None else moved
+        return Above(hard, self.anchors, np.concatenate([self.places, named]), np.concatenate([self.moved, moved]))
 
     def completed(self, x: Vec, priced: bool, at: Coordinates) -> Above:
         """Below the last level, whose stage ended at x: R keeps its value, and E where that level has a price."""
@@ -260,6 +263,16 @@ def at_optimum(rows: Rows, x: Vec, near: Vec | None = None) -> Rows:
     fixed = rows.equality | (np.abs(w) > (least if near is None else np.maximum(least, near)))
     held = kept(rows, x)
     return Rows(rows.A, np.where(fixed, y, held.lower), np.where(fixed, y, held.upper))
+
+
+def _moved(rows: Rows, held: Rows, x: Vec) -> Mat:
+    """By how much each bound of the held rows gives way to the rounding of x, ``(m, 2)``; zero for rows that are not
+    met."""
+    met = np.abs(rows.slack(x)) <= MET_TOLERANCE * row_sizes(rows, x)
+    by = np.zeros((rows.m, 2))
+    np.subtract(rows.lower, held.lower, out=by[:, 0], where=met & np.isfinite(rows.lower))
+    np.subtract(held.upper, rows.upper, out=by[:, 1], where=met & np.isfinite(rows.upper))
+    return np.maximum(by, 0.0)
 
 
 def stack_rows(parts: Sequence[Rows], n: int) -> Rows:

@@ -67,6 +67,7 @@ class Walk:
         self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
         self._at = Coordinates.of(problem.motion, problem.n)
         self._above, self._last = Above.none(problem.n), x
+        self._start = np.zeros(x.size)  # of searches: a way from an answer far away would leave its rounding
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def __iter__(self) -> Iterator[Stage]:
@@ -74,11 +75,22 @@ class Walk:
         for k, rows in enumerate(problem.levels):
             price = 0.0 if problem.prices is None else float(problem.prices[k])
             stage = self._priced(k, rows, price) if price > 0.0 else self._unpriced(k, rows)
+            if price > 0.0 or self._above.anchors:
+                self._start = stage.x
+            elif self._missing(k):
+                self._start = self._solve(rows, 0.0)
             self._last = stage.x
             A = rows.dense(problem.n)
             near = self._tolerance * (row_lengths(A) + terms(A, stage.x))  # allowed distance of a row from S
             self._above = self._above.after(problem, k, stage.x, self._at, near)
             yield stage
+
+    def _missing(self, k: int) -> bool:
+        """Return true if the point of a priced level after level k is to be found."""
+        priced = self._problem.priced[k + 1 :]
+        return not self._settled and any(
+            price and np.isnan(point[0]) for price, point in zip(priced, self._known[k + 1 :], strict=True)
+        )
 
     def below(self) -> Judge:
         """The judge of the completion, after the last stage."""
@@ -102,6 +114,9 @@ class Walk:
         if np.isnan(point[0]):
             if self._settled:
                 return self._unjudged(k, self._x)
+            stage = self.judged(k, rows, self._x, price) if _asks(rows, point.size) else self._unjudged(k, self._x)
+            if stage.gap <= self._tolerance + stage.rounding:
+                return stage
             point = self._solve(rows, price)
         return self.judged(k, rows, point, price) if _asks(rows, point.size) else self._unjudged(k, point)
 
@@ -116,9 +131,7 @@ class Walk:
         return self.judged(k, rows, self._solve(rows, 0.0), 0.0)
 
     def _solve(self, rows: Rows, price: float) -> Vec:
-        x = solve_level(rows, self._above, self._last, price, self._at)
-        far = float(np.linalg.norm(self._last)) > 1.0 + float(np.linalg.norm(x))  # it leaves its rounding
-        return solve_level(rows, self._above, x, price, self._at) if far else x
+        return solve_level(rows, self._above, self._start, price, self._at)
 
     def _unjudged(self, k: int, x: Vec) -> Stage:
         unmet = self._problem.priced[k] and not is_met(self._problem.levels[k], x)
@@ -241,7 +254,8 @@ def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
     lengths = row_lengths(C)
     zero = ROUNDING * float(lengths.max(initial=0.0))
     far = float(np.linalg.norm(y))
-    judge.descend(C, C @ y, above.hard.lower - shift, above.hard.upper - shift, lengths, terms(C, y), zero, far)
+    lower, upper = above.hard.lower - shift, above.hard.upper - shift
+    judge.descend(C, C @ y, lower, upper, lengths, terms(C, y), zero, far, above.moved)
     return judge
 
 

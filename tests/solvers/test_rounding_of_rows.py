@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from hqp import Hierarchy, Motion, Rows, Status, certificate
+from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.problem.graded import Errors, pull
-from hqp.tolerances import FEASIBILITY_TOLERANCE
+from hqp.tolerances import FEASIBILITY_TOLERANCE, NULL_SPACE_ROUNDING
 from tests.scenes.priced import priced_problem
 
 
@@ -90,3 +90,32 @@ def test_a_row_is_met_however_short_it_is_beside_others(seed: int) -> None:
     assert solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN)
     missed = np.abs(A @ (solution.x - x)) / np.linalg.norm(A, axis=1)
     assert missed.max() < 1e-6 * (1.0 + np.linalg.norm(solution.x))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 9, 11, 13, 20, 30, 35, 36, 38, 49, 57])
+def test_stages_near_zero_do_not_have_the_rounding_of_an_answer_far_away(seed: int) -> None:
+    """A level of a short row takes the answer 1e5 to 1e9 away after the stage of a priced level ended near zero.
+
+    The verdict is the same for every answer within rounding, with the stage points or without.
+    """
+    rng, n = np.random.default_rng(seed), 8
+    A, wide = rng.normal(size=(2, n)), 10.0 ** rng.uniform(-2.0, 0.0, 4)
+    near, far = 3.0 * rng.normal(size=2), rng.normal(size=n)
+    short = 10.0 ** rng.uniform(-9.0, -6.0) * rng.normal(size=(1, n))
+    levels = (
+        Rows(Selection(np.arange(4)), -wide, wide),
+        Rows(A, near, near),
+        Rows(short, np.ones(1), np.ones(1)),
+        Rows(np.eye(n), far, far),
+    )
+    prices = np.array([0.0, 10.0 ** rng.uniform(-3.0, -1.0), 0.0, 10.0 ** rng.uniform(-3.0, -1.0)])
+    problem = Hierarchy(levels, constraints=1, prices=prices, motion=Motion(rng.normal(size=(5, n))))
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status is Status.OPTIMAL
+    assert solution.stage_points is not None
+    for share in (0.0, 0.2):
+        rounding = share * NULL_SPACE_ROUNDING * np.linalg.norm(solution.x) / np.sqrt(n)
+        x = solution.x + rounding * np.sign(rng.normal(size=n))
+        for stages in (solution.stage_points, None):
+            verdict = certificate(problem, x, 1e-8, stages)
+            assert verdict.ok, f"{share}: {verdict}"
