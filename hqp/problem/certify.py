@@ -49,7 +49,9 @@ class Certificate:
     is more, the possible decrease of ||w_k|| along clear directions, relative to its terms. If its rows differ in
     length by more than 100 (see graded), the gap is the reduction of a row by the step to the best point on the face of
     the active rows, relative to the row's length, or the gradient there, divided by the sum of the row pulls that the
-    face cannot meet: errors in directions that only short rows determine show as well.  norms: ``(levels,)``, ||w_k||.
+    face cannot meet: errors in directions that only short rows determine show as well.  A row above that this step
+    reaches before it reduces a row by the tolerance is active, if it is no farther than the completion may exceed it.
+    norms: ``(levels,)``, ||w_k||.
     ranks: ``(levels + 1,)``, directions that each level fixed.  multipliers: per level k ``(m_0 +... + m_k,)``, as in
     Solution.multipliers.  rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made
     (5e-7 at most): 4e-15 times the multipliers, and times the inverse of the shortest direction that they fix; for the

@@ -45,27 +45,25 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: 
     face: ``(m, f)`` rows in coordinates of the face of all active rows; along: ``(m, k)`` in those of the active rows;
     slack, lengths: ``(m,)``; sizes: ``(m,)``, sizes that errors of the rows are relative to.  A term is the pull of the
     row, plus its pull for a slack of its size, plus ``rounding`` of either: rounding of a row of unit length, divided
-    by the tolerance.  Entries within their error add no direction, a slack within its error is not taken away.
+    by the tolerance.  Rounding of entries pulls by the slack that the step leaves of the rows as they are given: the
+    reflections mix rows, and a short one has what a long one leaves.  Entries within their error add no direction, a
+    slack within its error is not taken away.
     """
     found = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW, errors)
     T, order, rank = found.T, found.order, found.rank
     taken = np.maximum(np.abs(T[:rank, -1]) - found.errors.slack[:rank], 0.0) / sizes[order[:rank]]
     A, w = T[rank:, face.shape[1] : -1], T[rank:, -1]
     size, own = sizes[order[rank:]], lengths[order[rank:]]
-    terms = np.linalg.norm(A, axis=1) * (np.abs(w) + size) + rounding * own * (np.abs(w) + rounding * size)
-    return Pull(A.T @ w, float(terms.sum()), float(taken.max(initial=0.0)))
+    rounded = lengths @ np.abs(slack + face @ found.step(face.shape[1])) + rounding * (own @ size)
+    terms = np.linalg.norm(A, axis=1) @ (np.abs(w) + size) + rounding * rounded
+    return Pull(A.T @ w, float(terms), float(taken.max(initial=0.0)))
 
 
 def best_step(face: Mat, slack: Vec, lengths: Vec, least: float = FLAT_ROW) -> Vec:
     """argmin ||slack + face step||, the shortest of them, ``(f,)``; least: share of a row's length above which it adds
     a direction."""
     none = Errors(np.zeros(slack.size), np.zeros(slack.size))
-    reduced, found = _sorted(face, slack[:, None], lengths, least, none), np.zeros(face.shape[1])
-    T, rank = reduced.T, reduced.rank
-    if rank:
-        R = T[:rank, :-1] / (own := row_lengths(T[:rank, :-1]))[:, None]
-        found[reduced.columns] = -np.linalg.lstsq(R, T[:rank, -1] / own, rcond=None)[0]
-    return found
+    return _sorted(face, slack[:, None], lengths, least, none).step(face.shape[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +76,15 @@ class _Reduced:
     columns: Index
     rank: int
     errors: Errors
+
+    def step(self, f: int) -> Vec:
+        """The shortest step on the face, ``(f,)``, that meets the first rows of the last column."""
+        found = np.zeros(f)
+        if self.rank:
+            own = row_lengths(R := self.T[: self.rank, :f])
+            met = np.linalg.lstsq(R / own[:, None], self.T[: self.rank, -1] / own, rcond=None)[0]
+            found[self.columns] = -met
+        return found
 
 
 def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float, errors: Errors) -> _Reduced:

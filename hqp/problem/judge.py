@@ -6,7 +6,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Vec, longest_row, right_vectors
 from hqp.problem import Rows
-from hqp.problem.graded import Errors, pull
+from hqp.problem.graded import Errors, best_step, pull
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
@@ -16,6 +16,7 @@ from hqp.tolerances import (
     NULL_SPACE_ROUNDING,
     RESTING,
     ROUNDED,
+    SOFTNESS,
 )
 
 
@@ -33,6 +34,7 @@ class Judge:
         self.lengths: Vec = np.zeros(0)
         self.fixed = np.zeros(0, dtype=bool)
         self.side: Vec = np.zeros(0)  # +1 active at upper, -1 at lower, 0 neither
+        self.room: Mat = np.zeros((0, 2))  # distance to lower and to upper, of rows of unit length
         self._positive = np.zeros(0, dtype=bool)
         self._own: Index = np.zeros(0, dtype=np.intp)  # rows of the level just judged that have a multiplier themselves
 
@@ -63,17 +65,38 @@ class Judge:
         side[equality | (lengths == 0.0)] = 0.0
         unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=lengths[:, None] > 0.0)
         own = np.flatnonzero(side)
-        held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], unit[own]]) @ self.Z
-        sigma, Vt = right_vectors(held)
-        along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
         left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
         B = A[left] @ self.Z
         rounded = NULL_SPACE_ROUNDING * (np.abs(slack) + terms(A, x))
         error = Errors(errors.entry[left], (rounded + errors.slack)[left])
-        sizes, rounding = size * lengths[left], ROUNDED / self.tolerance
-        found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], sizes, rounding, error)
+        sizes, rounding, before = size * lengths[left], ROUNDED / self.tolerance, 0.0
+        while True:
+            held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], unit[own]]) @ self.Z
+            sigma, Vt = right_vectors(held)
+            along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
+            found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], sizes, rounding, error)
+            if before + found.taken <= self.tolerance:
+                break
+            row, share = self._first(self.Z @ (face.T @ best_step(B @ face.T, slack[left], lengths[left])), size)
+            if before + share * found.taken > self.tolerance:
+                break
+            before += share * found.taken  # the row is reached before the step counts: active
+            self.side[abs(row) - 1] = np.sign(row)
         gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
-        return max(gap, found.taken), shares
+        return max(gap, before + found.taken), shares
+
+    def _first(self, step: Vec, size: float) -> tuple[int, float]:
+        """The first row that a step reaches, counted from one and negative at its lower bound, and the share of the
+        step until there; share one if there is none.
+
+        Rows count up to the distance by which the completion may exceed them.
+        """
+        slope = self.unit @ step
+        room = np.where(slope > 0.0, self.room[:, 1], self.room[:, 0])
+        near = (self.side == 0.0) & ~self.fixed & (room <= SOFTNESS * size) & (slope != 0.0)
+        shares = np.divide(room, np.abs(slope), out=np.ones(room.size), where=near)
+        k = int(np.argmin(shares)) if near.any() else 0
+        return (int(np.sign(slope[k])) * (k + 1), float(shares[k])) if near.any() and shares[k] < 1.0 else (0, 1.0)
 
     def fall(self, A: Mat, slack: Vec, sizes: Vec, counted: Mask, x: Vec) -> float:
         """Return the possible decrease of ||w|| along clear directions on the face of the active rows, relative to its
@@ -161,6 +184,9 @@ class Judge:
         self.lengths = np.concatenate([self.lengths, lengths * real])
         self.fixed = np.concatenate([self.fixed, fixed])
         self.side = np.concatenate([self.side, side])
+        room = np.maximum(np.column_stack([value - lower, upper - value]), 0.0)
+        own = np.where(real, lengths, 0.0)[:, None]
+        self.room = np.concatenate([self.room, np.divide(room, own, out=np.full_like(room, np.inf), where=own > 0.0)])
         self._positive = np.zeros(self.side.size, dtype=bool)
         return self.fix(np.concatenate([locked, unit[fixed]]))
 

@@ -10,7 +10,7 @@ import pytest
 import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.problem.graded import Errors, pull
-from hqp.tolerances import FEASIBILITY_TOLERANCE, NULL_SPACE_ROUNDING
+from hqp.tolerances import FEASIBILITY_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDED
 from tests.scenes.priced import priced_problem
 
 
@@ -119,3 +119,19 @@ def test_stages_near_zero_do_not_have_the_rounding_of_an_answer_far_away(seed: i
         for stages in (solution.stage_points, None):
             verdict = certificate(problem, x, 1e-8, stages)
             assert verdict.ok, f"{share}: {verdict}"
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_rounding_of_entries_pulls_by_the_slack_of_the_rows_as_given(seed: int) -> None:
+    """Each entry of the last column is an error of ROUNDED of its row.  The slack is the best of the other columns, and
+    long rows have little of it: reflections give it to short rows."""
+    rng, m, tolerance = np.random.default_rng(seed), 40, 1e-8
+    lengths = 10.0 ** rng.uniform(-2.0, 2.0, m)
+    face = rng.normal(size=(m, 30)) * lengths[:, None]
+    slack = rng.normal(size=m)
+    Q = np.linalg.qr(face)[0]
+    slack -= Q @ (Q.T @ slack)
+    none = Errors(np.zeros(m), np.zeros(m))
+    along = ROUNDED * lengths * np.sign(slack)
+    found = pull(face, along[:, None], slack, lengths, lengths, ROUNDED / tolerance, none)
+    assert 0.1 * tolerance < abs(found.along[0]) / found.size <= 1.001 * tolerance

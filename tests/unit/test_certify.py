@@ -9,6 +9,7 @@ from numpy.random import Generator
 from hqp import Hierarchy, Rows, Selection, certificate
 from hqp.errors import ProblemError
 from hqp.problem.nnls import nonnegative_least_squares
+from hqp.tolerances import SOFTNESS
 from tests.scenes import problems
 
 SEEDS = range(60)
@@ -247,6 +248,26 @@ def test_an_error_that_only_short_rows_see_is_refused(length: float) -> None:
     assert certificate(freed, best(0.5), 1e-8).ok
     wrong = Hierarchy((Rows(np.array([[0.0, 1.0]]), np.array([-9.0]), np.array([0.5])), Rows(A, goal, goal)))
     assert not certificate(wrong, best(0.5)).ok  # a bound that holds nothing back
+
+
+@pytest.mark.parametrize(("counts", "far"), [(0.1, -7.0), (0.1, -5.1), (30.0, -5.1), (0.1, -4.5)])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bound_holds_a_level_that_reaches_it_before_the_step_counts(seed: int, counts: float, far: float) -> None:
+    """Rows have a small share of one direction and would move far along it.  A bound stops the step after ``room``, and
+    the largest change of a row is ``counts`` tolerances until there."""
+    rng, n, tolerance = np.random.default_rng(seed), 6, 1e-8
+    basis = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    x, lengths = rng.normal(size=n), np.array([1.0, *10.0 ** rng.uniform(-3.0, 0.0, n - 2), 1e-3])
+    across = rng.normal(size=(n, n - 1))
+    across *= (lengths / np.linalg.norm(across, axis=1))[:, None]
+    w = np.linalg.svd(across)[0][:, -1]  # slack that no step across removes
+    change = (lengths @ np.abs(w)) * float((np.abs(w) / lengths).max())  # of a row, for a unit of share and room
+    share = counts * tolerance / (10.0**far * change)
+    A = np.column_stack([across, share * lengths * -np.sign(w)]) @ basis
+    room = 10.0**far * max(1.0, float(np.abs(x).max()))
+    bound = Rows(basis[-1:], np.array([-np.inf]), basis[-1:] @ x + room)
+    case = Hierarchy((bound, Rows(A, A @ x - w, A @ x - w)), constraints=1)
+    assert certificate(case, x, tolerance).ok == (counts < 1.0 and 10.0**far < SOFTNESS)
 
 
 def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
