@@ -67,7 +67,8 @@ class Motions:
     def drift(self, found: Near) -> float:
         """Change of the rate of a pair's distance at zero acceleration [m/s^2], by differences over 2 STEP.
 
-        If the nearest point or the normal jumps in between, use the drift of the points that are nearest now.
+        The feature of a hull is the one that is nearest now.  If the nearest point or the normal jumps in between, use
+        the drift of the points that are nearest now.
         """
         sliding = self._sliding(found)
         return self._held(found) if sliding is None else sliding
@@ -75,10 +76,10 @@ class Motions:
     def _sliding(self, found: Near) -> float | None:
         """The drift with a nearest point that slides, None where it jumps."""
         one, two = self._own.pair(found.pair)
-        ends = []
+        ends, feature = [], self._own.feature(found.pair)
         for h in (STEP, -STEP):
             moved = [self._moved(k, h) if k < self._own.links else None for k in (one, two)]
-            _, normal, point = self._own.measure(found.pair, self._world(h), *moved)
+            _, normal, point = self._own.measure(found.pair, self._world(h), *moved, feature=feature)
             twist = self._velocity[two] - self._velocity[one] + h * (self._rate[two] - self._rate[one])
             ends.append((normal, point, float(normal @ _at(twist, point))))
         (n, p, fast), (m, q, slow) = ends

@@ -19,7 +19,7 @@ from . import distances
 from .collision_motion import FORESIGHT, Motions
 from .collision_pairs import SHORT, candidates
 from .collision_rows import Near, assign
-from .polytopes import at_least, polytope, to_polytope
+from .polytopes import at_least, nearest_feature, polytope, to_polytope
 from .touching import kept
 
 if TYPE_CHECKING:
@@ -144,13 +144,21 @@ class Scene:
         position, rotation = bodies[self.capsules[k].body][5]
         return position, rotation
 
-    def measure(self, pair: int, poses: Mat, one: Any, two: Any) -> distances.Found:
-        """Distance, normal and nearest point of a pair or an end, whose links are ``placed`` there."""
+    def feature(self, pair: int) -> int:
+        """The nearest feature of the hull of a pair in the current state, -1 for other pairs."""
+        i, j = self.pair(pair)
+        return nearest_feature(*self.placed(i), self._hulls[j], *self.placed(j)) if self.is_hull(j) else -1
+
+    def measure(self, pair: int, poses: Mat, one: Any, two: Any, *, feature: int = -1) -> distances.Found:
+        """Distance, normal and nearest point of a pair or an end, whose links are ``placed`` there.
+
+        feature: of a hull, the nearest for -1.
+        """
         i, j = self.pair(pair)
         end, (a, b), radius = pair // len(self.pairs), one, self.capsules[i].radius
         a, b = (a, a) if end == 1 else (b, b) if end == 2 else (a, b)
         if self.is_hull(j):
-            return to_polytope(a, b, radius, self._hulls[j], *two)
+            return to_polytope(a, b, radius, self._hulls[j], *two, feature=feature)
         if self._is_capsule(j):
             c, d = self._axis(j, poses) if two is None else two
             c, d = (c, c) if end == 3 else (d, d) if end == 4 else (c, d)

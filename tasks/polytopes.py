@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from hqp.arrays import Index, Mask, Mat, Vec, cross
 from hqp.shapes import LinkHull
 
 from .distances import TOUCHING, Found, nearest
+
+_Nearest: TypeAlias = tuple[float, Vec, Vec, int]  # distance, normal, nearest point, feature
 
 
 class Polytope(NamedTuple):
@@ -56,12 +58,44 @@ def at_least(a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotat
     return float(lowest.max()) - radius - hull.rounding
 
 
-def to_polytope(a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotation: Mat) -> Found:
-    """Between the capsule of the axis a b and a hull at a pose, as the functions of ``distances``."""
+def to_polytope(
+    a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotation: Mat, *, feature: int = -1
+) -> Found:
+    """Between the capsule of the axis a b and a hull at a pose, as the functions of ``distances``.
+
+    feature: see ``nearest_feature``; the nearest for -1.
+    """
     p, q = rotation.T @ (a - position), rotation.T @ (b - position)
-    heights = np.stack((hull.normals @ p - hull.offsets, hull.normals @ q - hull.offsets))
-    value, normal, point = _inside(p, q, hull) if _crosses(heights) else _outside(p, q, heights, hull)
+    value, normal, point, _ = _found(p, q, hull) if feature < 0 else _from(feature, p, q, hull)
     return value - radius - hull.rounding, rotation @ normal, position + rotation @ point
+
+
+def nearest_feature(a: Vec, b: Vec, hull: Polytope, position: Vec, rotation: Mat) -> int:
+    """The nearest feature of a hull: the number of an edge, or for E edges E + 2 k and E + 2 k + 1 for the face k below
+    either end of the axis; -1 for an axis that crosses the hull."""
+    return _found(rotation.T @ (a - position), rotation.T @ (b - position), hull)[3]
+
+
+def _found(p: Vec, q: Vec, hull: Polytope) -> _Nearest:
+    heights = np.stack((hull.normals @ p - hull.offsets, hull.normals @ q - hull.offsets))
+    return (*_inside(p, q, hull), -1) if _crosses(heights) else _outside(p, q, heights, hull)
+
+
+def _from(feature: int, p: Vec, q: Vec, hull: Polytope) -> _Nearest:
+    if feature < len(hull.edges):
+        return _to_edge(feature, p, q, hull)
+    face, last = divmod(feature - len(hull.edges), 2)
+    end, normal = q if last else p, hull.normals[face]
+    return float(normal @ end) - float(hull.offsets[face]), -normal, end, feature
+
+
+def _to_edge(edge: int, p: Vec, q: Vec, hull: Polytope) -> _Nearest:
+    c, d = hull.corners[hull.edges[edge, :2]]
+    s, t = nearest(p, q, c, d)
+    at = p + s * (q - p)
+    w = c + t * (d - c) - at
+    length = math.sqrt(w @ w)
+    return (length, w / length, at, edge) if length > TOUCHING else (math.inf, np.zeros(3), p, -1)
 
 
 def _crosses(heights: Mat) -> bool:
@@ -77,27 +111,16 @@ def _crosses(heights: Mat) -> bool:
     return first <= last
 
 
-def _outside(p: Vec, q: Vec, heights: Mat, hull: Polytope) -> Found:
-    best, u = (math.inf, np.zeros(3), p), q - p
-
-    def take(edge: int) -> None:
-        nonlocal best
-        c, d = hull.corners[hull.edges[edge, :2]]
-        s, t = nearest(p, q, c, d)
-        at = p + s * u
-        w = c + t * (d - c) - at
-        length = math.sqrt(w @ w)
-        if TOUCHING < length < best[0]:
-            best = length, w / length, at
-
-    lowest = heights.min(axis=0)
+def _outside(p: Vec, q: Vec, heights: Mat, hull: Polytope) -> _Nearest:
+    best: _Nearest = (math.inf, np.zeros(3), p, -1)
+    u, lowest = q - p, heights.min(axis=0)
     for edge in np.flatnonzero((hull.edges[:, 2:] == int(np.argmax(lowest))).any(axis=1)).tolist():
-        take(edge)  # edges of the face that separates most are near
-    for end, above in ((p, heights[0]), (q, heights[1])):
+        best = min(best, _to_edge(edge, p, q, hull), key=_length)  # edges of the face that separates most are near
+    for i, (end, above) in enumerate(zip((p, q), heights, strict=True)):
         near = np.flatnonzero((above > 0.0) & (above < best[0]))
         for k in near[_over(near, end, hull)].tolist():
             if above[k] < best[0]:
-                best = float(above[k]), -hull.normals[k], end
+                best = _from(len(hull.edges) + 2 * k + i, p, q, hull)
     visible = heights.max(axis=0) > 0.0
     size = float(u @ u)
     w = hull.middles - p
@@ -105,8 +128,12 @@ def _outside(p: Vec, q: Vec, heights: Mat, hull: Polytope) -> Found:
     off = np.linalg.norm(w - share[:, None] * u, axis=1) - hull.halves
     shown = visible[hull.edges[:, 2]] | visible[hull.edges[:, 3]]
     for edge in np.flatnonzero(shown & (off < best[0])).tolist():
-        take(edge)
-    return best if best[0] < math.inf else _inside(p, q, hull)
+        best = min(best, _to_edge(edge, p, q, hull), key=_length)
+    return best if best[0] < math.inf else (*_inside(p, q, hull), -1)
+
+
+def _length(found: _Nearest) -> float:
+    return found[0]
 
 
 def _over(faces: Index, p: Vec, hull: Polytope) -> Mask:
@@ -142,4 +169,4 @@ def _inside(p: Vec, q: Vec, hull: Polytope) -> Found:
     return -best, -outward, p + share * u
 
 
-__all__ = ["Polytope", "at_least", "polytope", "to_polytope"]
+__all__ = ["Polytope", "at_least", "nearest_feature", "polytope", "to_polytope"]

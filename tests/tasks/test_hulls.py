@@ -16,7 +16,7 @@ from hqp.collision_library import convex_hull, solid
 from hqp.shapes import LinkHull
 from hqp.tasks import CollisionAvoidance
 from hqp.tasks.collision_scene import scene
-from hqp.tasks.polytopes import polytope, to_polytope
+from hqp.tasks.polytopes import nearest_feature, polytope, to_polytope
 
 from .test_collision import by_coal, pose
 from .test_touching import configurations, touch
@@ -43,7 +43,10 @@ def test_distances_to_hulls_are_coals(seed: int) -> None:
         own, T = hull(rng), pose(rng)
         a = T[:3, 3] + rng.normal(size=3) * rng.choice([0.05, 0.3])
         b = a + rng.normal(size=3) * rng.choice([0.3, 1e-4])
-        d, normal, _ = to_polytope(a, b, 0.05, polytope(own), T[:3, 3], T[:3, :3])
+        d, normal, point = to_polytope(a, b, 0.05, polytope(own), T[:3, 3], T[:3, :3])
+        feature = nearest_feature(a, b, polytope(own), T[:3, 3], T[:3, :3])
+        again = to_polytope(a, b, 0.05, polytope(own), T[:3, 3], T[:3, :3], feature=feature)
+        np.testing.assert_array_equal(np.hstack(again), np.hstack((d, normal, point)))
         shape = solid(convex_hull(np.array(own.corners)))
         expected = by_coal(a, b, 0.05, shape, T) - own.rounding
         assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-9)

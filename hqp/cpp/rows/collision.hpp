@@ -192,8 +192,8 @@ class Collision final : public Operation {
     return {origin + h * V.at(origin), R};
   }
 
-  // h: time offset of the world's shapes and of hulls.
-  Distance measure(int row, Segment one, Segment two, double h = 0.0) const {
+  // h: time offset of the world's shapes and of hulls.  feature: of a hull, -1 for the nearest.
+  Distance measure(int row, Segment one, Segment two, double h = 0.0, int feature = -1) const {
     const auto [i, j] = pair_of(row);
     const int end = row / count_;
     const double radius = s_.links[i].radius;
@@ -204,7 +204,7 @@ class Collision final : public Operation {
     if (end == 4) two.a = two.b;
     if (is_link(j) && s_.links[j].hull) {
       const auto [origin, R] = placed(j, h);
-      return s_.links[j].hull->distance(one, radius, origin, R);
+      return s_.links[j].hull->distance(feature, one, radius, origin, R);
     }
     if (is_link(j)) return Measure::capsule(one, radius, two, s_.links[j].radius);
     const std::size_t k = j - s_.links.size();
@@ -316,15 +316,17 @@ class Collision final : public Operation {
     return -most.slope * speed - fast * (most.speed + speed);
   }
 
-  // Change of the rate at zero acceleration, with bodies moved by their velocities for a moment either way. If the
-  // nearest point or the normal jumps in between, use the points that are nearest now. For capsules side by side a
-  // nearest point that slides from end to end counts with a bound: the ends have rows of their own, which see it.
+  // Change of the rate at zero acceleration, with bodies moved by their velocities for a moment either way, to the
+  // feature of a hull that is nearest now. If the nearest point or the normal jumps in between, use the points that are
+  // nearest now. For capsules side by side a nearest point that slides from end to end counts with a bound: the ends
+  // have rows of their own, which see it.
   double drift(int row) const {
     constexpr double kJump = 0.01, kTurn = 0.9, kSlide = 2.0;  // see tasks/collision_motion.py
     const auto [i, j] = pair_of(row);
     const double h = s_.step, beside = row < count_ ? beside_[row] : 0.0;
-    const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
-                              measure(row, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h)};
+    const int feature = found_[row].feature;
+    const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h, feature),
+                              measure(row, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h, feature)};
     const Vec3 slid = ends[0].point - ends[1].point;
     const bool jumped = dot(slid, slid) > kJump * kJump || dot(ends[0].normal, ends[1].normal) < kTurn;
     const double sliding = jumped ? 0.0 : (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h);

@@ -10,9 +10,10 @@
 namespace hqp {
 
 struct Distance {
-  double value;  // between the surfaces, negative inside
-  Vec3 normal;   // from the capsule to the other
-  Vec3 point;    // nearest of the capsule's axis
+  double value;      // between the surfaces, negative inside
+  Vec3 normal;       // from the capsule to the other
+  Vec3 point;        // nearest of the capsule's axis
+  int feature = -1;  // nearest of a hull, -1 for none
 };
 
 struct Segment {

@@ -33,11 +33,23 @@ class Polytope {
   Distance distance(const Segment& one, double radius, const Vec3& origin, const Mat3& R) const {
     const Segment own = moved(one, origin, R);
     find_heights(own);
-    Distance found = crosses() ? inside(own) : outside(own);
-    found.value -= radius + rounding_;
-    found.normal = R * found.normal;
-    found.point = origin + R * found.point;
-    return found;
+    return placed(crosses() ? inside(own) : outside(own), radius, origin, R);
+  }
+
+  // The distance from a feature that ``distance`` found: an edge, or a face and an end.
+  Distance distance(int feature, const Segment& one, double radius, const Vec3& origin, const Mat3& R) const {
+    if (feature < 0) return distance(one, radius, origin, R);
+    const Segment own = moved(one, origin, R);
+    const int count = static_cast<int>(edges_.size());
+    Distance found{std::numeric_limits<double>::infinity(), {}, own.a};
+    if (feature < count) {
+      take(feature, own, found);
+    } else {
+      const Face& face = faces_[(feature - count) / 2];
+      const Vec3& end = (feature - count) % 2 ? own.b : own.a;
+      found = {dot(face.normal, end) - face.offset, -1.0 * face.normal, end};
+    }
+    return placed(found, radius, origin, R);
   }
 
   // A lower bound of the distance, by the planes of the faces.
@@ -78,6 +90,13 @@ class Polytope {
     return {transposed(R, one.a - origin), transposed(R, one.b - origin)};
   }
 
+  Distance placed(Distance found, double radius, const Vec3& origin, const Mat3& R) const {
+    found.value -= radius + rounding_;
+    found.normal = R * found.normal;
+    found.point = origin + R * found.point;
+    return found;
+  }
+
   void find_heights(const Segment& own) const {
     for (std::size_t k = 0; k < faces_.size(); ++k) {
       const Face& face = faces_[k];
@@ -101,32 +120,34 @@ class Polytope {
     std::size_t first = 0;  // the face that separates most: its edges are near
     for (std::size_t k = 1; k < faces_.size(); ++k)
       if (std::min(heights_[k][0], heights_[k][1]) > std::min(heights_[first][0], heights_[first][1])) first = k;
-    for (const int k : faces_[first].edges) take(edges_[k], own, best);
+    for (const int k : faces_[first].edges) take(k, own, best);
     for (std::size_t k = 0; k < faces_.size(); ++k)
       for (int i = 0; i < 2; ++i) {
         const double height = heights_[k][i];
         const Vec3& end = i ? own.b : own.a;
-        if (height > 0.0 && height < best.value && above(faces_[k], end)) best = {height, -1.0 * faces_[k].normal, end};
+        if (height > 0.0 && height < best.value && above(faces_[k], end))
+          best = {height, -1.0 * faces_[k].normal, end, static_cast<int>(edges_.size() + 2 * k) + i};
       }
     const Vec3 u = own.b - own.a;
     const double size = dot(u, u), share = size > 0.0 ? 1.0 / size : 0.0;
-    for (const Edge& edge : edges_) {
+    for (std::size_t k = 0; k < edges_.size(); ++k) {
+      const Edge& edge = edges_[k];
       if (!visible(edge.left) && !visible(edge.right)) continue;
       const Vec3 w = edge.middle - own.a;
       const Vec3 off = w - std::min(std::max(share * dot(w, u), 0.0), 1.0) * u;
       const double reach = best.value + edge.half;
-      if (dot(off, off) < reach * reach) take(edge, own, best);
+      if (dot(off, off) < reach * reach) take(static_cast<int>(k), own, best);
     }
     return best.value < std::numeric_limits<double>::infinity() ? best : inside(own);
   }
 
-  void take(const Edge& edge, const Segment& own, Distance& best) const {
-    const Segment line{corners_[edge.a], corners_[edge.b]};
+  void take(int k, const Segment& own, Distance& best) const {
+    const Segment line{corners_[edges_[k].a], corners_[edges_[k].b]};
     double s, t;
     Measure::nearest(own, line, s, t);
     const Vec3 p = own.a + s * (own.b - own.a), w = line.a + t * (line.b - line.a) - p;
     const double length = std::sqrt(dot(w, w));
-    if (length > Measure::kTouching && length < best.value) best = {length, (1.0 / length) * w, p};
+    if (length > Measure::kTouching && length < best.value) best = {length, (1.0 / length) * w, p, k};
   }
 
   // The prism above a triangle.
