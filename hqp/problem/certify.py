@@ -191,9 +191,14 @@ def _verdict(
             exact = Errors(np.zeros(rows.m), np.zeros(rows.m))
             gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x, exact)
         else:
+            counted, before = (missed != 0.0) | rows.equality, 0.0
             gap, shares = judge.judge(A.T @ missed, scale)
+            if gap > tolerance + judge.rounding:
+                own = counted & (lengths > zero)
+                before = judge.hold(A[own], missed[own], lengths[own], x, np.zeros((0, problem.n)))
+                gap, shares = judge.judge(A.T @ missed, scale)
             if longest > 0.0 and np.any(missed):
-                gap = max(gap, judge.fall(A, missed, sizes, (missed != 0.0) | rows.equality, x))
+                gap = max(gap, before, judge.fall(A, missed, sizes, counted, x))
         gaps.append(gap)
         rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))

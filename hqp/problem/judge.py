@@ -69,21 +69,41 @@ class Judge:
         B = A[left] @ self.Z
         rounded = NULL_SPACE_ROUNDING * (np.abs(slack) + terms(A, x))
         error = Errors(errors.entry[left], (rounded + errors.slack)[left])
-        sizes, rounding, before = size * lengths[left], ROUNDED / self.tolerance, 0.0
-        while True:
-            held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], unit[own]]) @ self.Z
-            sigma, Vt = right_vectors(held)
-            along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
-            found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], sizes, rounding, error)
-            if before + found.taken <= self.tolerance:
-                break
-            row, share = self._first(self.Z @ (face.T @ best_step(B @ face.T, slack[left], lengths[left])), size)
-            if before + share * found.taken > self.tolerance:
-                break
-            before += share * found.taken  # the row is reached before the step counts: active
-            self.side[abs(row) - 1] = np.sign(row)
+        sizes, rounding = size * lengths[left], ROUNDED / self.tolerance
+        parts, before = (slack[left], lengths[left], sizes, rounding, error), 0.0
+        along, face = self._split(unit[own])
+        found = pull(B @ face.T, B @ along.T, *parts)
+        if found.taken > self.tolerance:
+            before = self.hold(A[left], slack[left], lengths[left], x, unit[own])
+            along, face = self._split(unit[own])
+            found = pull(B @ face.T, B @ along.T, *parts)
         gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
         return max(gap, before + found.taken), shares
+
+    def hold(self, A: Mat, slack: Vec, lengths: Vec, x: Vec, own: Mat) -> float:
+        """Count the rows above as active that the best step for ||slack|| reaches before it changes a row of A by the
+        tolerance.
+
+        Return the change until the last of them, relative to the row's length and x.  own: active rows of the level
+        itself, of unit length.
+        """
+        size, changed = max(1.0, float(np.abs(x).max(initial=0.0))), 0.0
+        while True:
+            face = self._split(own)[1]
+            step = face.T @ best_step(A @ self.Z @ face.T, slack, lengths)
+            change = float((np.abs(A @ self.Z @ step) / (size * lengths)).max(initial=0.0))
+            row, share = self._first(self.Z @ step, size)
+            if row == 0 or changed + share * change > self.tolerance:
+                return changed
+            changed += share * change
+            self.side[abs(row) - 1] = np.sign(row)
+
+    def _split(self, own: Mat) -> tuple[Mat, Mat]:
+        """Orthonormal rows that span the active rows in Z, and those of their face."""
+        held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], own]) @ self.Z
+        sigma, Vt = right_vectors(held)
+        along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
+        return along, face
 
     def _first(self, step: Vec, size: float) -> tuple[int, float]:
         """The first row that a step reaches, counted from one and negative at its lower bound, and the share of the

@@ -8,20 +8,11 @@ from numpy.random import Generator
 
 import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
-from hqp.native import instruction_set
 from tests.scenes.kinds import KINDS
 from tests.scenes.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure, priced_problem
 
 LARGEST = 60
-WRONG_ON_GENERIC = {("conflicts", 9)}
-"""Problems with flat motion that the certificate refuses on the generic kernels: a gap of 1 with the BLAS of Haswell (a
-point 2e6 away misses a bound of 1.8 by 2e-7)."""
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)
-
-
-def wrong_here(kind: str, seed: int) -> bool:
-    """Return true for a known wrong answer of the present kernels."""
-    return instruction_set() == "generic" and (kind, seed) in WRONG_ON_GENERIC
 
 
 @pytest.mark.parametrize("seeds", [range(12), pytest.param(range(25), marks=pytest.mark.slow)], ids=["few", "many"])
@@ -30,7 +21,7 @@ def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat:
     solver, solved = hqp.solvers.load("lexicographic"), 0
     for seed in seeds:
         case = priced_problem(kind, seed, flat)
-        if case.n > LARGEST or (flat and wrong_here(kind, seed)):
+        if case.n > LARGEST:
             continue
         solution = solver.solve(case)
         if solution.status in SOLVED:
@@ -43,8 +34,6 @@ def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat:
 
 @pytest.mark.parametrize(("kind", "seed"), FOUND)
 def test_an_answer_with_flat_motion_passes_the_certificate_or_says_that_it_is_unsure(kind: str, seed: int) -> None:
-    if wrong_here(kind, seed):
-        pytest.xfail("refused by the certificate on the generic kernels")
     case = priced_problem(kind, seed, True)
     solution = hqp.solvers.load("lexicographic").solve(case)
     assert solution.status in SOLVED

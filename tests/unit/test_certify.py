@@ -251,13 +251,16 @@ def test_an_error_that_only_short_rows_see_is_refused(length: float) -> None:
 
 
 @pytest.mark.parametrize(("counts", "far"), [(0.1, -7.0), (0.1, -5.1), (30.0, -5.1), (0.1, -4.5)])
+@pytest.mark.parametrize("graded", [True, False])
 @pytest.mark.parametrize("seed", range(20))
-def test_a_bound_holds_a_level_that_reaches_it_before_the_step_counts(seed: int, counts: float, far: float) -> None:
+def test_a_bound_holds_a_level_that_reaches_it_before_the_step_counts(
+    seed: int, graded: bool, counts: float, far: float
+) -> None:
     """Rows have a small share of one direction and would move far along it.  A bound stops the step after ``room``, and
     the largest change of a row is ``counts`` tolerances until there."""
     rng, n, tolerance = np.random.default_rng(seed), 6, 1e-8
     basis = np.linalg.qr(rng.normal(size=(n, n)))[0]
-    x, lengths = rng.normal(size=n), np.array([1.0, *10.0 ** rng.uniform(-3.0, 0.0, n - 2), 1e-3])
+    x, lengths = rng.normal(size=n), np.array([1.0, *10.0 ** rng.uniform(-3.0, 0.0, n - 2), 1e-3]) ** graded
     across = rng.normal(size=(n, n - 1))
     across *= (lengths / np.linalg.norm(across, axis=1))[:, None]
     w = np.linalg.svd(across)[0][:, -1]  # slack that no step across removes
