@@ -124,3 +124,26 @@ def test_a_row_that_holds_a_level_by_a_small_multiplier_counts(share: float, err
     for off, fine in ((error, True), (1e-6, False)):
         x = chosen(problem, np.array([-off, 0.0, -3.0]))
         assert certificate(problem, x, 1e-8).ok is fine, off
+
+
+def test_an_answer_passes_with_constraints_named_if_it_passes_without() -> None:
+    """Long rows that a short one contradicts are violated by less than the completion may exceed them: no point within
+    all rows has the levels' optimum.
+
+    Answers that the completion moves do not count.
+    """
+    solver, n, counted = hqp.solvers.load("lexicographic"), 4, 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        F, x = rng.normal(size=(3, n)), rng.normal(size=n)
+        row, mix = rng.normal(size=(2, n)), rng.normal(size=(1, 2))
+        A = np.concatenate([row * 10.0 ** rng.uniform(2.0, 3.5, (2, 1)), mix @ row])
+        upper = A @ x + np.array([0.0, 0.0, rng.choice([-1.0, 1.0])])
+        rows = Rows(A, np.where([True, False, True], upper, -np.inf), upper)
+        named, free = (Hierarchy((rows,), constraints=k, metric=F.T @ F) for k in (1, 0))
+        answer = solver.solve(free).x
+        assert certificate(free, answer, 1e-8).ok
+        if np.abs(solver.solve(named).x - answer).max() < 1e-9:
+            assert certificate(named, answer, 1e-8).ok, seed
+            counted += 1
+    assert counted >= 40
