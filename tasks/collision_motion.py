@@ -88,18 +88,22 @@ class Motions:
         return None
 
     def counted(self, found: Near, outset: float) -> float:
-        """The drift that a row counts with: d + clip(drift - d, SLIDE outset / beside), d of the points nearest now.
+        """The drift that a row counts with; for capsules side by side
 
-        For capsules side by side the nearest point may slide from end to end in one tick; the ends have rows of their
-        own, which see it.
+            e + clip(d - e, 2 w SLIDE outset (1 / beside - 1)),
+
+        d and e the drifts of the pair and of the nearest end, w the way of the nearest points from that end over the
+        length of its axis, beside the share of the rows of the ends.  The nearest point may slide from end to end in
+        one tick; the ends have rows of their own, which see it.  At an end the drift is its row's, so that it does not
+        jump as the point leaves the end.
         """
-        drift = self._sliding(found)
-        if drift is None:
-            return self._held(found)
         if found.beside == 0.0:
-            return drift
-        held, most = self._held(found), SLIDE * outset / found.beside
-        return held + min(max(drift - held, -most), most)
+            return self.drift(found)
+        end, way = self._own.nearest_end(found.pair, self._world(0.0))
+        drift, most = self._sliding(found), 2.0 * way * SLIDE * outset * (1.0 / found.beside - 1.0)
+        at_end = self._sliding(found._replace(pair=end))
+        at_end = self._held(found) if at_end is None else at_end
+        return at_end if drift is None else at_end + min(max(drift - at_end, -most), most)
 
     def _held(self, found: Near) -> float:
         one, two = self._own.pair(found.pair)

@@ -191,6 +191,15 @@ class Scene:
         """Return true if a pair may lie side by side."""
         return self._is_capsule(j) and min(self._length(i), self._length(j)) > SHORT
 
+    def nearest_end(self, pair: int, poses: Mat) -> tuple[int, float]:
+        """The row of the end that is nearest to the nearest points of two capsules in the current state, and their way
+        from there over the length of its axis."""
+        i, j = self.pairs[pair]
+        s, t = distances.nearest(*self.placed(i), *(self.placed(j) if j < self.links else self._axis(j, poses)))
+        ways = (s, 1.0 - s, t, 1.0 - t)
+        way = min(ways)
+        return pair + (1 + ways.index(way)) * len(self.pairs), way
+
     def fade(self, pair: int, poses: Mat, one: Any, two: Any) -> float:
         """The share of the rows of a pair's ends: 1 where its axes are parallel, 0 for none."""
         i, j = self.pairs[pair]

@@ -28,12 +28,7 @@ BLOCKED = [
     ("talos", "acceleration", "torso"),
     pytest.param("talos", "torque", "other hand", marks=pytest.mark.slow),
     pytest.param("talos", "acceleration", "other hand", marks=pytest.mark.slow),
-    pytest.param(
-        "talos",
-        "torque",
-        "torso",
-        marks=[pytest.mark.slow, pytest.mark.xfail(reason="15.9 N m in a tick, as the nearest face of a hull changes")],
-    ),
+    pytest.param("talos", "torque", "torso", marks=pytest.mark.slow),
     pytest.param("talos", "torque", "table", marks=pytest.mark.slow),
     ("g1", "velocity", "torso"),
     ("g1", "acceleration", "other hand"),

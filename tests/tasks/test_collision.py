@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -208,6 +210,41 @@ def test_both_ends_of_a_capsule_that_lies_on_something_have_rows(kind: str, form
     assert {round(float(n.point[0]), 2) for n in near} >= ({-0.07, 0.07} if kind == "short rod" else {-0.1, 0.1})
     assert min(n.distance for n in near) == pytest.approx(0.01, abs=1e-5 if moves else 1e-6)
     assert np.abs(commands[-1]).max() < (1e-4 if moves else 1e-6)
+
+
+@pytest.mark.parametrize("native", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_no_bound_jumps_as_the_nearest_point_leaves_an_end(native: bool, written: Callable[..., Any]) -> None:
+    """Capsules nearly side by side: with a quarter of the step a bound changes by less than half in a step."""
+    model, joint, rng = pin.Model(), 0, np.random.default_rng(0)
+    for name, kind in (("lift", pin.JointModelPZ()), ("turn", pin.JointModelRZ()), ("tilt", pin.JointModelRY())):
+        joint = model.addJoint(joint, kind, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    robot = hqp.robots.Robot(model, name="rod").with_capsules(
+        [LinkCapsule("rod", joint, (-0.15, 0, 0), (0.15, 0, 0), 0.02)]
+    )
+    wall = shapes.capsule("wall", 0.05, 0.4, (0.05, 0.02, 0.0), (0.0, 0.5 * math.pi, 0.0))
+    avoid, left = CollisionAvoidance(pairs="world", world=wall, clearance=0.01), 0
+    own = scene(avoid, robot)
+    for _ in range(24):
+        start = np.array(
+            [rng.uniform(0.12, 0.16), rng.uniform(0.2, 0.3) * rng.choice([-1, 1]), rng.uniform(0.02, 0.05)]
+        )
+        v = np.array([0.0, 0.0, -rng.uniform(0.3, 1.5)])
+        worst = list[float]()
+        for count in (20, 80):
+            bounds, ways = list[Any](), list[float]()
+            for t in np.linspace(0.0, 0.02, count + 1):
+                state = robot.state(start + t * v, v)
+                state.kinematics()
+                ways.append(own.nearest_end(0, avoid.poses())[1])
+                rows = written(avoid, state, avoid.hold(state), 2, native)
+                bounds.append(np.sort(rows.lower[np.isfinite(rows.lower)]))
+            same = [(a, b) for a, b in itertools.pairwise(bounds) if len(a) == len(b)]
+            worst.append(max(float(np.abs(a - b).max()) for a, b in same))
+        if min(ways) == 0.0 < max(ways) < 0.4:
+            left += 1
+            assert worst[1] < 0.5 * worst[0] + 1e-3, (start, v, worst)
+    assert left > 3
 
 
 def test_meshes_that_are_none(panda: Any, tmp_path: Any) -> None:

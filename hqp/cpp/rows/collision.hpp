@@ -316,26 +316,47 @@ class Collision final : public Operation {
     return -most.slope * speed - fast * (most.speed + speed);
   }
 
-  // Change of the rate at zero acceleration, with bodies moved by their velocities for a moment either way, to the
-  // feature of a hull that is nearest now. If the nearest point or the normal jumps in between, use the points that are
-  // nearest now. For capsules side by side a nearest point that slides from end to end counts with a bound: the ends
-  // have rows of their own, which see it.
+  // Change of the rate at zero acceleration. For capsules side by side it departs from that of the nearest end, whose
+  // row sees it, by a bound that grows from the end on; see tasks/collision_motion.py.
   double drift(int row) const {
-    constexpr double kJump = 0.01, kTurn = 0.9, kSlide = 2.0;  // see tasks/collision_motion.py
+    constexpr double kSlide = 2.0;
+    const double beside = row < count_ ? beside_[row] : 0.0;
+    if (beside == 0.0) return sliding(row).value_or(held(row));
+    double way;
+    const double end = sliding(row + nearest_end(row, way) * count_).value_or(held(row));
+    const double most = 2.0 * way * kSlide * s_.outset * (1.0 / beside - 1.0);
+    return end + std::min(std::max(sliding(row).value_or(end) - end, -most), most);
+  }
+
+  // With bodies moved by their velocities for a moment either way, to the feature of a hull that is nearest now; none
+  // if the nearest point or the normal jumps in between.
+  std::optional<double> sliding(int row) const {
+    constexpr double kJump = 0.01, kTurn = 0.9;
     const auto [i, j] = pair_of(row);
-    const double h = s_.step, beside = row < count_ ? beside_[row] : 0.0;
+    const double h = s_.step;
     const int feature = found_[row].feature;
     const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h, feature),
                               measure(row, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h, feature)};
     const Vec3 slid = ends[0].point - ends[1].point;
-    const bool jumped = dot(slid, slid) > kJump * kJump || dot(ends[0].normal, ends[1].normal) < kTurn;
-    const double sliding = jumped ? 0.0 : (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h);
-    if (!jumped && beside == 0.0) return sliding;
+    if (dot(slid, slid) > kJump * kJump || dot(ends[0].normal, ends[1].normal) < kTurn) return {};
+    return (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h);
+  }
+  double held(int row) const {  // with the points that are nearest now
+    const auto [i, j] = pair_of(row);
     const Distance& now = found_[row];
-    const double held = dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
-    if (jumped) return held;
-    const double most = kSlide * s_.outset / beside;
-    return held + std::min(std::max(sliding - held, -most), most);
+    return dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
+  }
+
+  // The end that is nearest to the nearest points of two capsules, 1 to 4, and its way from there over the axis'
+  // length.
+  int nearest_end(int row, double& way) const {
+    const auto [i, j] = pair_of(row);
+    double s, t;
+    Measure::nearest(ends_[i], is_link(j) ? ends_[j] : world_axis(j, 0.0), s, t);
+    const double ways[4] = {s, 1.0 - s, t, 1.0 - t};
+    const double* least = std::min_element(ways, ways + 4);
+    way = *least;
+    return 1 + static_cast<int>(least - ways);
   }
   double rate(int row, const Distance& found, double h) const {  // rate of a pair's distance, after a time h
     const auto [i, j] = pair_of(row);
