@@ -6,7 +6,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Vec, longest_row, right_vectors
 from hqp.problem import Rows
-from hqp.problem.graded import Errors, best_step, pull
+from hqp.problem.graded import Errors, Pull, best_step, pull
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
@@ -77,8 +77,19 @@ class Judge:
             before = self.hold(A[left], slack[left], lengths[left], x, unit[own])
             along, face = self._split(unit[own])
             found = pull(B @ face.T, B @ along.T, *parts)
-        gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
+        gap, shares = self._along(along, found, own, side, unit)
+        if max(gap, before + found.taken) > self.tolerance:
+            # optimal without some rows is optimal with them: those without a multiplier may go
+            along, face = self._split(unit[self._own], self._positive)
+            less = pull(B @ face.T, B @ along.T, *parts)
+            if less.taken <= self.tolerance:
+                found, before = less, 0.0
+                gap, shares = self._along(along, found, self._own, side, unit)
         return max(gap, before + found.taken), shares
+
+    def _along(self, along: Mat, found: Pull, own: Index, side: Vec, unit: Mat) -> tuple[float, Vec]:
+        """Judge the gradient along active rows; own, side, unit: rows of the level that have a multiplier."""
+        return self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
 
     def hold(self, A: Mat, slack: Vec, lengths: Vec, x: Vec, own: Mat) -> float:
         """Count the rows above as active that the best step for ||slack|| reaches before it changes a row of A by the
@@ -98,9 +109,10 @@ class Judge:
             changed += share * change
             self.side[abs(row) - 1] = np.sign(row)
 
-    def _split(self, own: Mat) -> tuple[Mat, Mat]:
-        """Orthonormal rows that span the active rows in Z, and those of their face."""
-        held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], own]) @ self.Z
+    def _split(self, own: Mat, active: Mask | None = None) -> tuple[Mat, Mat]:
+        """Orthonormal rows that span the active rows in Z, by default all, and those of their face."""
+        active = (self.side != 0.0) & ~self.fixed if active is None else active
+        held = np.concatenate([self.unit[active], own]) @ self.Z
         sigma, Vt = right_vectors(held)
         along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
         return along, face

@@ -135,3 +135,29 @@ def test_rounding_of_entries_pulls_by_the_slack_of_the_rows_as_given(seed: int) 
     along = ROUNDED * lengths * np.sign(slack)
     found = pull(face, along[:, None], slack, lengths, lengths, ROUNDED / tolerance, none)
     assert 0.1 * tolerance < abs(found.along[0]) / found.size <= 1.001 * tolerance
+
+
+def test_active_rows_make_no_verdict_stricter() -> None:
+    """The optimum of a level among more points is its optimum among fewer: a row that pulls by rounding alone is free.
+
+    At the apex of a cone the gradient along rows without multipliers is rounding of the long rows of the level.
+    """
+    n, right = 8, 0
+    for seed in range(250):
+        rng = np.random.default_rng(seed)
+        m = int(rng.integers(n + 1, 30))
+        lengths = 10.0 ** rng.uniform(-3.0, 4.0, m)
+        A, x = rng.normal(size=(m, n)) * lengths[:, None], rng.normal(size=n)
+        across = np.linalg.svd((A / lengths[:, None]).T)[2][n:]
+        slack = across.T @ rng.normal(size=m - n) / lengths
+        slack *= lengths.min() * 10.0 ** rng.uniform(-2.0, 3.0) / np.abs(slack).max()
+        level = Rows(A, target := A @ x + slack, target)
+        x += 10.0 ** rng.uniform(-12.0, -7.0) * rng.normal(size=n)
+        C = rng.normal(size=(int(rng.integers(1, n)), n))
+        if not certificate(Hierarchy((level,)), x, 1e-8).ok:
+            continue
+        held = Hierarchy((Rows(C, np.full(len(C), -np.inf), C @ x), level), constraints=1)
+        verdict = certificate(held, x, 1e-8)
+        assert verdict.ok, f"{seed}: {verdict}"
+        right += 1
+    assert right > 100
