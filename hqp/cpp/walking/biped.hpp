@@ -51,7 +51,7 @@ struct BipedState {
     }
     return sum == 0.0;
   }
-  double yaw(int side) const { return std::atan2(rotation[side].column[0][1], rotation[side].column[0][0]); }
+  double yaw(int side) const { return yaw_of(rotation[side]); }
   Foothold placed(int side, const Sole& sole) const {
     const Vec3 at = position[side] + rotation[side] * Vec3{sole.middle.x, sole.middle.y, 0.0};
     return {side, at[0], at[1], at[2], wrapped(yaw(side) - sole.yaw)};

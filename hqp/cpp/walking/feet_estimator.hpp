@@ -11,7 +11,6 @@
 
 namespace hqp {
 
-inline double yaw_of(const Mat3& R) { return std::atan2(R.column[0][1], R.column[0][0]); }
 inline Mat3 about_vertical(double angle) {
   const double c = std::cos(angle), s = std::sin(angle);
   return {{{c, s, 0.0}, {-s, c, 0.0}, {0.0, 0.0, 1.0}}};

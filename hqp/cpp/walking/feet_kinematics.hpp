@@ -1,6 +1,7 @@
 // Centre of mass, soles and their velocities for a state, from a robot's joints and bodies alone.
 #pragma once
 
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -9,6 +10,8 @@
 #include "../rows/relative_frame.hpp"
 
 namespace hqp {
+
+inline double yaw_of(const Mat3& R) { return std::atan2(R.column[0][1], R.column[0][0]); }
 
 class FeetKinematics {
  public:
