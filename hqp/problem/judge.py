@@ -51,9 +51,12 @@ class Judge:
         """Bound on the gap from rounding of the fixed rows and the rows with a multiplier."""
         return min(NULL_SPACE_ROUNDING * (1.0 / self.shortest + self._forces), LARGEST_ROUNDING)
 
-    def judge_graded(self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec, errors: Errors) -> tuple[float, Vec]:
+    def judge_graded(
+        self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec, errors: Errors, counted: int | None = None
+    ) -> tuple[float, Vec]:
         """Judge A' slack if rows of the level differ in length; lengths: zero for a row that counts as none.  errors:
-        beside the rounding of the rows' terms.
+        beside the rounding of the rows' terms.  counted: a step counts by its change of so many rows, the first, by
+        default of all.
 
         The level's own inequalities within a step that does not count of a bound have a multiplier like the rows above.
         """
@@ -71,6 +74,14 @@ class Judge:
         error = Errors(errors.entry[left], (rounded + errors.slack)[left])
         sizes, rounding = size * lengths[left], ROUNDED / self.tolerance
         parts, before = (slack[left], lengths[left], sizes, rounding, error), 0.0
+
+        def taken(face: Mat, found: Pull) -> float:
+            """The most that the best step changes a row that counts."""
+            if found.taken <= self.tolerance or counted is None:
+                return found.taken
+            change = B @ face.T @ best_step(B @ face.T, slack[left], lengths[left])
+            return float((np.abs(change) / sizes).max(initial=0.0, where=left < counted))
+
         along, face = self._split(unit[own])
         found = pull(B @ face.T, B @ along.T, *parts)
         if found.taken > self.tolerance:
@@ -78,14 +89,15 @@ class Judge:
             along, face = self._split(unit[own])
             found = pull(B @ face.T, B @ along.T, *parts)
         gap, shares = self._along(along, found, own, side, unit)
-        if max(gap, before + found.taken) > self.tolerance:
+        off = before + taken(face, found)
+        if max(gap, off) > self.tolerance:
             # optimal without some rows is optimal with them: those without a multiplier may go
             along, face = self._split(unit[self._own], self._positive)
             less = pull(B @ face.T, B @ along.T, *parts)
-            if less.taken <= self.tolerance:
-                found, before = less, 0.0
-                gap, shares = self._along(along, found, self._own, side, unit)
-        return max(gap, before + found.taken), shares
+            if (alone := taken(face, less)) <= self.tolerance:
+                off = alone
+                gap, shares = self._along(along, less, self._own, side, unit)
+        return max(gap, off), shares
 
     def _along(self, along: Mat, found: Pull, own: Index, side: Vec, unit: Mat) -> tuple[float, Vec]:
         """Judge the gradient along active rows; own, side, unit: rows of the level that have a multiplier."""

@@ -219,7 +219,9 @@ class Walk:
         moved = Rows(T, whole.lower - shift, whole.upper - shift)
         slack, y = whole.slack(x), at.of_point(x)
         known = Errors(np.concatenate(errors), np.concatenate(unsure) * np.abs(slack))
-        gap, shares = judge.judge_graded(T, moved, slack, row_lengths(T), y, known)
+        last = k + 1 == len(self._problem.levels)  # the completion has all that its stage ends with
+        counted = None if price > 0.0 or last else rows.m  # others without a price hand down their rows' values alone
+        gap, shares = judge.judge_graded(T, moved, slack, row_lengths(T), y, known, counted)
         forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
         for anchor in self._above.anchors:
             forces[anchor.places] = counts / m * anchor.rows.slack(x) / anchor.give

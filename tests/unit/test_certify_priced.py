@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from hqp import Hierarchy, Motion, Rows, Selection, certificate
+from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Mat, Vec
 
 FIRST, SECOND, SLANTED = np.eye(3)[0], np.eye(3)[1], np.array([0.6, 0.0, 0.8])
@@ -133,3 +133,29 @@ def test_a_stage_that_forgets_the_unmet_level_above_is_refused() -> None:
     x = np.array([2.0, 2.0 * (np.sqrt(2.0) - 1.0), 0.0])  # both rows agree with these stages
     assert not certificate(asked(x), x, stages=stages).ok
     assert not certificate(asked(x), x).ok
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_level_without_a_price_hands_down_the_values_of_its_rows_alone(seed: int) -> None:
+    """Below a priced level that is not met, turning that is 1e-8 to 1e-2 long fixes what long rows leave of a stage: it
+    counts in no later one.  An error of the level's rows is refused."""
+    rng, n = np.random.default_rng(seed), 6
+    priced, exact, last = (rng.normal(size=(2, n)) for _ in range(3))
+    levels, target = [], rng.normal(size=n)
+    for A, apart in ((priced, 1.0), (exact * 10.0 ** rng.uniform(1.0, 4.0), 1.0), (last, 0.0)):
+        b = A @ target
+        levels.append(Rows(np.concatenate([A, A]), np.concatenate([b, b + apart]), np.concatenate([b, b + apart])))
+        target = rng.normal(size=n)
+    case = Hierarchy(
+        tuple(levels),
+        prices=np.array([10.0 ** rng.uniform(-3.0, 0.0), 0.0, 1.0]),
+        turning=np.array([10.0 ** rng.uniform(-8.0, -2.0), 0.0, 0.0]),
+        motion=Motion(np.ones(n)),
+    )
+    workspace = hqp.solvers.load("lexicographic").workspace(case.shape)
+    workspace.limit(np.inf)  # type: ignore[attr-defined]
+    found = workspace.solve(case)
+    assert found.status is Status.OPTIMAL
+    assert certificate(case, found.x, 1e-8, found.stage_points).ok
+    moved = found.x + 1e-6 * float(np.linalg.norm(found.x)) * exact[0] / np.linalg.norm(exact[0])
+    assert not certificate(case, moved, 1e-8, found.stage_points).ok
