@@ -70,7 +70,7 @@ def _sky_and_light(spec: Any) -> None:
 
 
 def _let_go(spec: Any, planes: set[str]) -> None:
-    """Delete the contact pairs with these planes; their other geoms touch what has the contact bit of the ground."""
+    """Delete the contact pairs with these planes; their other geoms touch the ground by its contact bit."""
     for pair in list(spec.pairs):
         ends = (pair.geomname1, pair.geomname2)
         if planes.isdisjoint(ends):

@@ -152,7 +152,7 @@ class Scene:
     def measure(self, pair: int, poses: Mat, one: Any, two: Any, *, feature: int = -1) -> distances.Found:
         """Distance, normal and nearest point of a pair or an end, whose links are ``placed`` there.
 
-        feature: of a hull, the nearest for -1.
+        feature: number of a hull's feature, -1 for the nearest.
         """
         i, j = self.pair(pair)
         end, (a, b), radius = pair // len(self.pairs), one, self.capsules[i].radius

@@ -284,7 +284,7 @@ class Session:
         return self.line.native.too_large(state.q, state.v, state.angles)
 
     def acceleration(self, torques: Vec) -> Vec:
-        """That of v under these torques, by the dynamics of the latest tick ``(nv,)``; at torque level only."""
+        """Accelerations under these torques by the dynamics of the latest tick ``(nv,)``, at torque level only."""
         found = np.empty(self.robot.nv)
         self.line.native.acceleration(torques, found)
         return found

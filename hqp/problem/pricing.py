@@ -266,8 +266,7 @@ def at_optimum(rows: Rows, x: Vec, near: Vec | None = None) -> Rows:
 
 
 def _moved(rows: Rows, held: Rows, x: Vec) -> Mat:
-    """By how much each bound of the held rows gives way to the rounding of x, ``(m, 2)``; zero for rows that are not
-    met."""
+    """Distance by which each bound of the held rows gives way to rounding of x, ``(m, 2)``; zero for unmet rows."""
     met = np.abs(rows.slack(x)) <= MET_TOLERANCE * row_sizes(rows, x)
     by = np.zeros((rows.m, 2))
     np.subtract(rows.lower, held.lower, out=by[:, 0], where=met & np.isfinite(rows.lower))

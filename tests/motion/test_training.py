@@ -33,7 +33,7 @@ def drawn(robot: Robot, frames: int, seed: int) -> Drawn:
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
 def test_bodies_and_joints_are_those_of_mujoco(name: str) -> None:
-    """Both orders: of MuJoCo's model, and a random one."""
+    """Bodies and joints in a random order."""
     robot = hqp.robots.load(name)
     plant = Plant(robot)
     model, data = plant.model, plant.data

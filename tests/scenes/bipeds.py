@@ -1,4 +1,4 @@
-"""Bipeds of drawn sizes as MJCF files: what a walker is given, with no name that it knows."""
+"""Bipeds of drawn sizes as MJCF files, without a name that a walker could know."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def biped(
     """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
 
     damping, dry: friction of each joint, as a share of size^4 (viscous, [N m s/rad]) and size^3 ([N m]).  bend: angle
-    of the knees in the keyframe [rad].  heel: angle of the soles from level in it, toes up [rad].  tilt: of the soles
-    against the frames of their feet, toes down [rad].  ahead: of the soles' middle from the ankles, times size [m].
+    of the knees in the keyframe [rad].  heel: angle of the soles from level in it, toes up [rad].  tilt: angle of
+    the soles in the frames of their feet, toes down [rad].  ahead: distance of the soles' middle from the ankles, times
+    size [m].
     right_first: order of the legs.  ankles: their axes.  pairs: soles touch only the geom ``floor``, by pairs.
     """
     s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'

@@ -47,7 +47,7 @@ def walked(path: Path, seed: int = 0) -> tuple[float, float]:
 
 @pytest.mark.parametrize("rubbed", [pytest.param(r, id=name) for name, r in RUBBED.items()])
 def test_a_biped_walks_with_the_friction_of_its_file(rubbed: dict[str, Any], tmp_path: Path) -> None:
-    """As far as without friction; torques that do not overcome it go 0.7 and 0.8 of the way."""
+    """The way is that without friction; torques that do not overcome it go 0.7 and 0.8 of it."""
     free, _ = walked(biped(tmp_path, name="free", size=0.6))
     ahead, aside = walked(biped(tmp_path, name="rubbed", size=0.6, **rubbed))
     assert free > 0.7 * SPEED * SECONDS

@@ -321,11 +321,13 @@ class Collision final : public Operation {
   double drift(int row) const {
     constexpr double kSlide = 2.0;
     const double beside = row < count_ ? beside_[row] : 0.0;
-    if (beside == 0.0) return sliding(row).value_or(held(row));
+    const std::optional<double> own = sliding(row);
+    if (beside == 0.0) return own ? *own : held(row);
     double way;
-    const double end = sliding(row + nearest_end(row, way) * count_).value_or(held(row));
+    const std::optional<double> slides = sliding(row + nearest_end(row, way) * count_);
+    const double end = slides ? *slides : held(row);
     const double most = 2.0 * way * kSlide * s_.outset * (1.0 / beside - 1.0);
-    return end + std::min(std::max(sliding(row).value_or(end) - end, -most), most);
+    return end + std::min(std::max(own.value_or(end) - end, -most), most);
   }
 
   // With bodies moved by their velocities for a moment either way, to the feature of a hull that is nearest now; none

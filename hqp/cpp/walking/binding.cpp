@@ -72,7 +72,7 @@ class LiveWalker {
     require(torques.size() == walker_.motors() && (!loads || loads->size() == 2), "command or loads");
     walker_.finish(loads ? loads->data() : nullptr, torques.data());
   }
-  // acceleration: that of v (nv), none for an unsolved tick.
+  // acceleration: change of v in time (nv), none for an unsolved tick.
   void overcome(const Vector& v, const std::optional<Vector>& acceleration) {
     const auto nv = std::size_t(kinematics_.nv());
     require(v.size() == nv && (!acceleration || acceleration->size() == nv), "v or acceleration");
