@@ -122,17 +122,26 @@ def test_what_the_rows_allow_does_not_touch(name: str) -> None:
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_native_rows_are_those_of_the_functions(order: int, written: Callable[..., Any]) -> None:
-    robot = hqp.robots.load("go2")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        avoid = CollisionAvoidance(pairs=(("base", "RL_thigh"), ("base", "RR_thigh")), influence=0.3)
-        own = scene(avoid, robot)
-    assert [own.is_hull(j) for _, j in own.pairs].count(True) == len(own.pairs) > 2
-    rng = np.random.default_rng(0)
-    for _ in range(4):
-        state = robot.state(robot.random_configuration(rng), rng.normal(size=robot.nv))
-        fast, slow = (written(avoid, state, avoid.hold(state), order, native) for native in (True, False))
-        np.testing.assert_allclose(fast.J, slow.J, atol=1e-9)
-        np.testing.assert_allclose(fast.lower, slow.lower, atol=1e-5)
-        assert np.isfinite(fast.lower).sum() > 2
+@pytest.mark.parametrize(
+    ("name", "pairs"),
+    [
+        ("go2", (("base", "RL_thigh"), ("base", "RR_thigh"))),
+        ("g1", (("torso_link", "left_shoulder_yaw_link"), ("torso_link", "right_shoulder_yaw_link"))),
+    ],
+)
+def test_native_rows_are_those_of_the_functions(name: str, pairs: Any, order: int, written: Callable[..., Any]) -> None:
+    """Drawn states, slow and fast, and influences: native code looks at parts of a hull, the functions at all of it."""
+    robot, rng, rows = hqp.robots.load(name), np.random.default_rng(0), 0
+    for influence in (0.05, 0.12, 0.3):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            avoid = CollisionAvoidance(pairs=pairs, influence=influence)
+            own = scene(avoid, robot)
+        assert [own.is_hull(j) for _, j in own.pairs].count(True) == len(own.pairs) > 2
+        for speed in (0.0, 0.3, 1.0, 6.0):
+            state = robot.state(robot.random_configuration(rng), speed * rng.normal(size=robot.nv))
+            fast, slow = (written(avoid, state, avoid.hold(state), order, native) for native in (True, False))
+            np.testing.assert_allclose(fast.J, slow.J, atol=1e-9)
+            np.testing.assert_allclose(fast.lower, slow.lower, atol=1e-9 if order == 1 else 1e-5 * (1.0 + speed) ** 2)
+            rows += int(np.isfinite(fast.lower).sum())
+    assert rows > 40

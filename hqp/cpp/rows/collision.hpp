@@ -127,6 +127,7 @@ class Collision final : public Operation {
     const double slow = closing(s_.soft).speed;
     for (std::size_t n = 0; n < s_.pairs.size(); ++n) {
       const auto [i, j] = s_.pairs[n];
+      double limit = kFar;  // distances above it have no row
       if (is_link(j)) {
         const Vec3 w = centres_[i] - centres_[j];
         const double size = sizes_[i] + sizes_[j], reach = s_.influence + size;
@@ -134,13 +135,9 @@ class Collision final : public Operation {
         if (!(dot(w, w) < reach * reach) &&
             !(most > slow && most > closing(std::sqrt(dot(w, w)) - size - s_.clearances[n]).speed))
           continue;
-        if (s_.links[j].hull) {
-          const auto [origin, R] = placed(j, 0.0);
-          const double least = s_.links[j].hull->at_least(ends_[i], s_.links[i].radius, origin, R);
-          if (!(least < s_.influence) && !(most > slow && most > closing(least - s_.clearances[n]).speed)) continue;
-        }
+        if (!(most > slow)) limit = s_.influence;
       }
-      const Distance found = measure(static_cast<int>(n), ends_[i], is_link(j) ? ends_[j] : Segment{});
+      const Distance found = measure(static_cast<int>(n), ends_[i], is_link(j) ? ends_[j] : Segment{}, 0.0, -1, limit);
       if (!take(static_cast<int>(n), found)) continue;
       if (is_capsule(j)) look_at_ends(static_cast<int>(n));
     }
@@ -192,8 +189,9 @@ class Collision final : public Operation {
     return {origin + h * V.at(origin), R};
   }
 
-  // h: time offset of the world's shapes and of hulls.  feature: of a hull, -1 for the nearest.
-  Distance measure(int row, Segment one, Segment two, double h = 0.0, int feature = -1) const {
+  // h: time offset of the world's shapes and of hulls.  feature: of a hull, -1 for the nearest.  limit: a larger
+  // distance may be infinite.
+  Distance measure(int row, Segment one, Segment two, double h = 0.0, int feature = -1, double limit = kFar) const {
     const auto [i, j] = pair_of(row);
     const int end = row / count_;
     const double radius = s_.links[i].radius;
@@ -204,7 +202,9 @@ class Collision final : public Operation {
     if (end == 4) two.a = two.b;
     if (is_link(j) && s_.links[j].hull) {
       const auto [origin, R] = placed(j, h);
-      return s_.links[j].hull->distance(feature, one, radius, origin, R);
+      const Polytope& hull = *s_.links[j].hull;
+      return feature < 0 ? hull.distance(one, radius, origin, R, limit)
+                         : hull.distance(feature, one, radius, origin, R);
     }
     if (is_link(j)) return Measure::capsule(one, radius, two, s_.links[j].radius);
     const std::size_t k = j - s_.links.size();

@@ -1,7 +1,8 @@
 // Distance between a capsule and the convex hull of a link: steps equal to those of tasks/polytopes.py.
 #pragma once
 
-#include <array>
+#include <algorithm>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -17,28 +18,29 @@ class Polytope {
     Vec3 middle{};
     for (const Vec3& corner : corners_) middle = middle + (1.0 / double(corners_.size())) * corner;
     for (std::size_t k = 0; k + 2 < triangles.size(); k += 3) {
-      Face face{triangles[k], triangles[k + 1], triangles[k + 2], {}, {}, 0.0};
+      Face face{triangles[k], triangles[k + 1], triangles[k + 2], {}, 0.0};
       const Vec3 &a = corners_[face.a], w = cross(corners_[face.b] - a, corners_[face.c] - a);
       face.normal = (1.0 / std::sqrt(dot(w, w))) * w;
       if (dot(face.normal, middle - a) > 0.0) std::swap(face.b, face.c), face.normal = -1.0 * face.normal;
       face.offset = dot(face.normal, a);
-      const int number = static_cast<int>(faces_.size()), ring[4] = {face.a, face.b, face.c, face.a};
-      for (int i = 0; i < 3; ++i) face.edges[i] = add_edge(ring[i], ring[i + 1], number);
+      const int ring[4] = {face.a, face.b, face.c, face.a};
+      for (int i = 0; i < 3; ++i) add_edge(ring[i], ring[i + 1]);
       faces_.push_back(face);
     }
-    heights_.resize(faces_.size());
+    std::vector<int> every(faces_.size());
+    std::iota(every.begin(), every.end(), 0);
+    add_part(every.begin(), every.end());
   }
 
-  // one: axis of the capsule; pose of the hull in the same axes.
-  Distance distance(const Segment& one, double radius, const Vec3& origin, const Mat3& R) const {
+  // one: axis of the capsule; pose of the hull in the same axes.  limit: a larger distance may be infinite.
+  Distance distance(const Segment& one, double radius, const Vec3& origin, const Mat3& R,
+                    double limit = std::numeric_limits<double>::infinity()) const {
     const Segment own = moved(one, origin, R);
-    find_heights(own);
-    return placed(crosses() ? inside(own) : outside(own), radius, origin, R);
+    return placed(crosses(own) ? inside(own) : outside(own, limit + radius + rounding_), radius, origin, R);
   }
 
   // The distance from a feature that ``distance`` found: an edge, or a face and an end.
   Distance distance(int feature, const Segment& one, double radius, const Vec3& origin, const Mat3& R) const {
-    if (feature < 0) return distance(one, radius, origin, R);
     const Segment own = moved(one, origin, R);
     const int count = static_cast<int>(edges_.size());
     Distance found{std::numeric_limits<double>::infinity(), {}, own.a};
@@ -52,38 +54,61 @@ class Polytope {
     return placed(found, radius, origin, R);
   }
 
-  // A lower bound of the distance, by the planes of the faces.
-  double at_least(const Segment& one, double radius, const Vec3& origin, const Mat3& R) const {
-    const Segment own = moved(one, origin, R);
-    double best = -std::numeric_limits<double>::infinity();
-    for (const Face& face : faces_)
-      best = std::max(best, std::min(dot(face.normal, own.a), dot(face.normal, own.b)) - face.offset);
-    return best - radius - rounding_;
-  }
-
  private:
   struct Face {
     int a, b, c;  // counter-clockwise from outside
-    int edges[3];
     Vec3 normal;
     double offset;
   };
   struct Edge {
-    int a, b, left, right;  // corners, faces
+    int a, b, face;  // corners, the first face
     Vec3 middle;
     double half;  // of its length
   };
+  struct Part {  // of the surface, in a ball: two halves, or a few faces with some of their edges
+    Vec3 centre;
+    double radius;
+    int halves[2];
+    std::vector<int> faces, edges;
+  };
+  using Numbers = std::vector<int>::iterator;
+  static constexpr std::ptrdiff_t kFaces = 4;  // the most in a part without halves
 
-  int add_edge(int a, int b, int face) {
-    const int count = static_cast<int>(edges_.size());
-    for (int k = 0; k < count; ++k)
-      if (edges_[k].a == b && edges_[k].b == a) {
-        edges_[k].right = face;
-        return k;
+  int add_part(Numbers first, Numbers last) {
+    const int number = static_cast<int>(parts_.size());
+    Vec3 low = middle(*first), high = low;
+    for (Numbers k = first; k < last; ++k)
+      for (int i = 0; i < 3; ++i) low[i] = std::min(low[i], middle(*k)[i]), high[i] = std::max(high[i], middle(*k)[i]);
+    Part part{0.5 * (low + high), 0.0, {-1, -1}, {}, {}};
+    for (Numbers k = first; k < last; ++k)
+      for (const int corner : {faces_[*k].a, faces_[*k].b, faces_[*k].c}) {
+        const Vec3 off = corners_[corner] - part.centre;
+        part.radius = std::max(part.radius, std::sqrt(dot(off, off)));
       }
+    if (last - first <= kFaces) {
+      part.faces.assign(first, last);
+      for (std::size_t k = 0; k < edges_.size(); ++k)
+        if (std::find(first, last, edges_[k].face) != last) part.edges.push_back(static_cast<int>(k));
+    }
+    parts_.push_back(std::move(part));
+    if (last - first <= kFaces) return number;
+    const Vec3 size = high - low;
+    const int i = size[0] >= size[1] && size[0] >= size[2] ? 0 : size[1] >= size[2] ? 1 : 2;
+    const Numbers half = first + (last - first) / 2;
+    std::nth_element(first, half, last, [&](int one, int other) { return middle(one)[i] < middle(other)[i]; });
+    const int halves[2] = {add_part(first, half), add_part(half, last)};
+    std::copy_n(halves, 2, parts_[number].halves);
+    return number;
+  }
+  Vec3 middle(int k) const {
+    return (1.0 / 3.0) * (corners_[faces_[k].a] + corners_[faces_[k].b] + corners_[faces_[k].c]);
+  }
+
+  void add_edge(int a, int b) {
+    for (const Edge& edge : edges_)
+      if (edge.a == b && edge.b == a) return;
     const Vec3 half = 0.5 * (corners_[b] - corners_[a]);
-    edges_.push_back({a, b, face, face, corners_[a] + half, std::sqrt(dot(half, half))});
-    return count;
+    edges_.push_back({a, b, static_cast<int>(faces_.size()), corners_[a] + half, std::sqrt(dot(half, half))});
   }
 
   static Segment moved(const Segment& one, const Vec3& origin, const Mat3& R) {
@@ -97,17 +122,12 @@ class Polytope {
     return found;
   }
 
-  void find_heights(const Segment& own) const {
-    for (std::size_t k = 0; k < faces_.size(); ++k) {
-      const Face& face = faces_[k];
-      heights_[k] = {dot(face.normal, own.a) - face.offset, dot(face.normal, own.b) - face.offset};
-    }
-  }
-  bool visible(int k) const { return heights_[k][0] > 0.0 || heights_[k][1] > 0.0; }
+  static double height(const Face& face, const Vec3& p) { return dot(face.normal, p) - face.offset; }
 
-  bool crosses() const {
+  bool crosses(const Segment& own) const {
     double first = 0.0, last = 1.0;
-    for (const auto& [a, b] : heights_) {
+    for (const Face& face : faces_) {
+      const double a = height(face, own.a), b = height(face, own.b);
       if (a > 0.0 && b > 0.0) return false;
       if (a > 0.0) first = std::max(first, a / (a - b));
       if (b > 0.0) last = std::min(last, a / (a - b));
@@ -115,30 +135,52 @@ class Polytope {
     return first <= last;
   }
 
-  Distance outside(const Segment& own) const {
-    Distance best{std::numeric_limits<double>::infinity(), {}, own.a};
-    std::size_t first = 0;  // the face that separates most: its edges are near
-    for (std::size_t k = 1; k < faces_.size(); ++k)
-      if (std::min(heights_[k][0], heights_[k][1]) > std::min(heights_[first][0], heights_[first][1])) first = k;
-    for (const int k : faces_[first].edges) take(k, own, best);
-    for (std::size_t k = 0; k < faces_.size(); ++k)
-      for (int i = 0; i < 2; ++i) {
-        const double height = heights_[k][i];
-        const Vec3& end = i ? own.b : own.a;
-        if (height > 0.0 && height < best.value && above(faces_[k], end))
-          best = {height, -1.0 * faces_[k].normal, end, static_cast<int>(edges_.size() + 2 * k) + i};
-      }
-    const Vec3 u = own.b - own.a;
-    const double size = dot(u, u), share = size > 0.0 ? 1.0 / size : 0.0;
-    for (std::size_t k = 0; k < edges_.size(); ++k) {
-      const Edge& edge = edges_[k];
-      if (!visible(edge.left) && !visible(edge.right)) continue;
-      const Vec3 w = edge.middle - own.a;
-      const Vec3 off = w - std::min(std::max(share * dot(w, u), 0.0), 1.0) * u;
-      const double reach = best.value + edge.half;
-      if (dot(off, off) < reach * reach) take(static_cast<int>(k), own, best);
+  // A segment that does not cross the hull.
+  struct Axis : Segment {
+    Vec3 along;
+    double share;                           // 1 / length^2, 0 for a point
+    int ends;                               // of different place
+    double off(const Vec3& centre) const {  // squared distance
+      const Vec3 w = centre - a, left = w - std::min(std::max(share * dot(w, along), 0.0), 1.0) * along;
+      return dot(left, left);
     }
-    return best.value < std::numeric_limits<double>::infinity() ? best : inside(own);
+  };
+
+  // The nearest feature of those within a distance.
+  Distance outside(const Segment& own, double limit) const {
+    const Vec3 u = own.b - own.a;
+    const double size = dot(u, u);
+    Distance best{limit, {}, own.a};
+    look(0, {own, u, size > 0.0 ? 1.0 / size : 0.0, size > 0.0 ? 2 : 1}, best);
+    if (best.feature < 0) best.value = std::numeric_limits<double>::infinity();
+    return best;
+  }
+
+  void look(int number, const Axis& own, Distance& best) const {
+    const Part& part = parts_[number];
+    if (part.halves[0] < 0) {
+      for (const int face : part.faces) {
+        for (int i = 0; i < own.ends; ++i) {
+          const Vec3& end = i ? own.b : own.a;
+          const double h = height(faces_[face], end);
+          if (h > 0.0 && h < best.value && above(faces_[face], end))
+            best = {h, -1.0 * faces_[face].normal, end, static_cast<int>(edges_.size()) + 2 * face + i};
+        }
+      }
+      for (const int edge : part.edges) {
+        const double reach = best.value + edges_[edge].half;
+        if (own.off(edges_[edge].middle) < reach * reach) take(edge, own, best);
+      }
+      return;
+    }
+    double least[2];
+    for (int i = 0; i < 2; ++i) {
+      const Part& half = parts_[part.halves[i]];
+      least[i] = std::sqrt(own.off(half.centre)) - half.radius;
+    }
+    const int first = least[1] < least[0];
+    for (const int i : {first, 1 - first})
+      if (least[i] < best.value) look(part.halves[i], own, best);
   }
 
   void take(int k, const Segment& own, Distance& best) const {
@@ -201,7 +243,7 @@ class Polytope {
   std::vector<Face> faces_;
   std::vector<Edge> edges_;
   double rounding_;
-  mutable std::vector<std::array<double, 2>> heights_;  // of the ends above each face
+  std::vector<Part> parts_;  // the whole first
 };
 
 }  // namespace hqp
