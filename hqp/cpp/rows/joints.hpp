@@ -195,6 +195,11 @@ class JointBox final : public Operation {  // one consistent box for the next st
       over.push_back(way > 0.0 ? std::max(way - (rate > 0.0 ? l.high[i] - at : at - l.low[i]), 0.0) : 0.0);
     }
   }
+  double outside(int i, const double* q, double& low, double& high) const override {
+    low = limits_.low[i], high = limits_.high[i];
+    const double at = joints_.angle(i, q);
+    return std::max({low - at, at - high, 0.0});
+  }
 
  private:
   static double clip(double u, double low, double high) { return std::min(std::max(u, low), high); }

@@ -42,6 +42,8 @@ class Operation {
   virtual bool hold(const double*, const double*, double*) { return false; }
   // Distance beyond its limit at which each row comes to rest at best, 0 inside; for rows that limit a joint each.
   virtual void overrun(const double*, const double*, std::vector<double>&) {}
+  // Way of a row beyond its position limits low and high, 0 inside; for rows that limit a joint each.
+  virtual double outside(int, const double*, double&, double&) const { return 0.0; }
   // The rate at which bounds near the speed that they stand around, infinite for none.
   virtual double approach() const { return INFINITY; }
   // Recompute these bounds as demands: around a speed, beyond a deceleration, (nv) each.

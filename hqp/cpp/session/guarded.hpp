@@ -120,7 +120,7 @@ class Guarded : public SessionState {
       return held({}, true);
     plain_notes_ = tick_.note_count_;
     ordinary_ = answer_.point_count == 0;
-    limits_.look(tick_.marks_.data(), tick_.count_, latest_.q.data(), latest_.around(), reporter());
+    limits_.look(tick_.marks_.data(), answer_.slack, tick_.count_, latest_.q.data(), latest_.around(), reporter());
     send(true);
     timing_.answered(answer_.status);
     latest_.keep_valid(latest_.v.data());

@@ -1,4 +1,4 @@
-// Notes on joint limits: alternating limits, and positions that will pass theirs.
+// Notes on joint limits: alternating limits, positions that will pass theirs, and positions outside.
 #pragma once
 
 #include <algorithm>
@@ -15,19 +15,27 @@ class LimitNotes {
   explicit LimitNotes(Line& line) : line_(line), watch_(limit_watch(line)) { over_.reserve(std::size_t(line.nv())); }
 
   std::size_t size() const { return watch_.size(); }
-  // marks: sides of all rows in a tick of that number; q: its state; around: velocity at the centre of the limits'
-  // windows.
+  // marks, slacks: sides of all rows in a tick of that number and how much they are violated; q: its state; around:
+  // velocity at the centre of the limits' windows.
   template <class Report>
-  void look(const std::int8_t* marks, std::int64_t tick, const double* q, const double* around, const Report& report) {
+  void look(const std::int8_t* marks, const double* slacks, std::int64_t tick, const double* q, const double* around,
+            const Report& report) {
     bool noted = false;
     watch_.look(marks, tick, [&](const Note& note) { noted = true, report(note); });
-    if (!noted && !watch_.meet()) return;
+    const bool passing = noted || watch_.meet();
     for (const Member* member : line_.placed()) {
       if (member->units.empty() || member->operation < 0) continue;
-      line_.assembly().overrun(std::size_t(member->operation), q, around, over_);
-      for (std::size_t i = 0; i < std::min(over_.size(), member->units.size()); ++i) {
+      const Operation& rows = *line_.assembly().operation(member->operation);
+      line_.assembly().overrun(passing ? member->operation : -1, q, around, over_);
+      for (std::size_t i = 0; i < member->units.size(); ++i) {
         Note why{member->row_names[i].c_str()};
-        if (LimitWatch::passed(over_[i], member->units[i].c_str(), why)) report(why);
+        const char* unit = member->units[i].c_str();
+        double low = 0.0, high = 0.0;
+        const double out = rows.outside(static_cast<int>(i), q, low, high);
+        const double slack = slacks[line_.start(*member) + member->first + static_cast<int>(i)];
+        if ((i < over_.size() && LimitWatch::passed(over_[i], unit, why)) ||
+            LimitWatch::outside(out, low, high, slack, unit, why))
+          report(why);
       }
     }
   }

@@ -63,6 +63,12 @@ class LimitWatch {
     why.cause = Cause::kOverrun, why.where = unit, why.amount = over;
     return over > kOver;
   }
+  // Return true if a joint is outside [low, high] by more than rounding; slack: how much its row is violated.
+  static bool outside(double by, double low, double high, double slack, const char* unit, Note& why) {
+    why.cause = std::fabs(slack) > kOver ? Cause::kOutside : Cause::kReturns, why.where = unit;
+    why.amount = by, why.allowed = low, why.most = high;
+    return by > kOver;
+  }
   void keep(CarryOver& state) {
     state.take(last_.data(), last_.size()), state.take(side_.data(), side_.size());
     state.take(rate_.data(), rate_.size());

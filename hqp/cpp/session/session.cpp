@@ -107,6 +107,10 @@ std::string Note::text() const {
     case Cause::kOverrun:
       return "it cannot brake in time within its acceleration limit: its position limit will be exceeded by " +
              g3(amount) + " " + where;
+    case Cause::kOutside:
+    case Cause::kReturns:
+      return "is " + g3(amount) + " " + where + " outside its range [" + g4(allowed) + ", " + g4(most) + "]" +
+             (cause == Cause::kReturns ? " and returns" : "");
     case Cause::kSolver:
     case Cause::kForeign:
       return where;
