@@ -50,10 +50,10 @@ class CollisionAvoidance(Inequality):
     another SRDF; ``"world"``, links against the world only.  joints: these or groups must carry a link of each pair;
     None for all pairs.  world: shapes of ``hqp.shapes``, which ``at`` moves.
     clearance [m]: for two links at most 0.8 of their distance at home.  If capsules fitted to two links overlap there,
-    the convex hulls of the shapes of one of them take their place; if these overlap too, capsules may overlap by 1 mm
-    more than at home.  influence [m]: largest d at which a slow pair
-    has a row, above the clearance.  rate [1/s].  braking [m/s^2]: deceleration of a distance that links can provide.
-    recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
+    the convex hulls of the shapes of one of them take their place; if these overlap too, capsules of "auto" may overlap
+    by 1 mm more than at home, and names of links that all overlap are refused.  influence [m]: largest d at which a
+    slow pair has a row, above the clearance.  rate [1/s].  braking [m/s^2]: deceleration of a distance that links can
+    provide.  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
     in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while
     it is near, and those with the least h less braking distance have one); by default 64 more than at home.
     Capsules side by side have rows for their ends as well, which fade out from 10 to 20 degrees.  In ``subject_to``

@@ -82,8 +82,16 @@ def _pairs(
         found = {(min(i, j), max(i, j)) for a, b in wanted for i in a for j in b if min(i, j) < len(links)}
         body = [c.body for c in capsules] + [0] * len(world)
         apart = sorted((i, j) for i, j in found if body[i] != body[j])
-        within = [(i, j) for i, j in apart if j < len(links)]
-        return closer(robot, capsules, within), [(i, j - len(links)) for i, j in apart if j >= len(links)]
+        judged = closer(robot, capsules, [(i, j) for i, j in apart if j < len(links)])
+        parents = [b[0] for b in robot.bodies]
+        close = {frozenset((body[i], body[j])) for i, j in judged.unseparated}
+        for (one, two), (a, b) in zip(pairs, wanted, strict=True):
+            both = {frozenset((body[i], body[j])) for i in a for j in b if body[i] != body[j]}
+            if both and both <= close:
+                allowed = "links apart at home, or capsules of your own (with_capsules): shapes fitted to these overlap"
+                raise element.invalid("pairs", (one, two), f"{allowed} there, so no row keeps them apart")
+        left = [(i, j) for i, j in judged.unseparated if body[i] != parents[body[j]] and body[j] != parents[body[i]]]
+        return judged._replace(unseparated=left), [(i, j - len(links)) for i, j in apart if j >= len(links)]
     outside = [(i, k) for i in links for k in range(len(world)) if capsules[i].body > 0]
     if pairs == "world":
         return none, outside

@@ -122,7 +122,10 @@ def _judged(
 
 
 def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -> Judged:
-    """Pairs that the user names, with hulls in place of capsules that overlap at home, if they are apart there."""
+    """Pairs that the user names, with hulls in place of capsules fitted to shapes that overlap at home.
+
+    unseparated: the links whose hulls overlap there, too.
+    """
     bodies = robot.copy()
     bodies.state(bodies.home).kinematics()
     poses = {c.body: bodies.bodies[c.body][5] for c in capsules}
@@ -131,7 +134,7 @@ def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -
     links: dict[Pair, list[Pair]] = defaultdict(list)
     for i, j in pairs:
         links[_bodies(capsules, i, j)].append((i, j))
-    found: list[Pair] = []
+    found, unseparated = list[Pair](), list[Pair]()
     hulls: list[LinkHull] = []
     more: list[Pair] = []
     for those in links.values():
@@ -145,10 +148,10 @@ def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -
             home = min(float(drawn.hull_gap(i, hull)[0]) for i in own for hull in tried)
             best = max(best, (home, own, tried), key=lambda side: side[0])
         _, own, tried = best
-        found += [] if own else those
+        unseparated += [] if own else those[:1]
         more += [(i, len(hulls) + k) for i in own for k in range(len(tried))]
         hulls += tried
-    return Judged(sorted(found), tuple(hulls), more, [])
+    return Judged(sorted(found), tuple(hulls), more, unseparated)
 
 
 def _bodies(capsules: tuple[LinkCapsule, ...], i: int, j: int) -> Pair:

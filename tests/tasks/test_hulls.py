@@ -13,9 +13,11 @@ from scipy.spatial import ConvexHull
 
 import hqp
 from hqp.collision_library import convex_hull, solid
+from hqp.errors import DeclarationError
 from hqp.shapes import LinkHull
 from hqp.tasks import CollisionAvoidance
 from hqp.tasks.collision_scene import scene
+from hqp.tasks.distances import to_capsule
 from hqp.tasks.polytopes import nearest_feature, polytope, to_polytope
 
 from .test_collision import by_coal, pose
@@ -145,3 +147,48 @@ def test_native_rows_are_those_of_the_functions(name: str, pairs: Any, order: in
             np.testing.assert_allclose(fast.lower, slow.lower, atol=1e-9 if order == 1 else 1e-5 * (1.0 + speed) ** 2)
             rows += int(np.isfinite(fast.lower).sum())
     assert rows > 40
+
+
+@pytest.mark.parametrize("name", ["g1", "ur5", pytest.param("go1", marks=pytest.mark.slow)])
+def test_links_that_are_named_are_kept_apart_or_refused(name: str) -> None:
+    """All pairs of links whose capsules overlap at home, and some others: a row with a clearance, or an error."""
+    robot, refused, hulls = hqp.robots.load(name), dict[tuple[str, str], str](), 0
+    place, shapes = configurations(robot, np.random.default_rng(0), 0)[0], dict[str, list[Any]]()
+    for c in robot.capsules:
+        shapes.setdefault(c.link, []).append(c)
+
+    def ends(c: Any) -> tuple[Any, Any]:
+        return place[c.body].act(np.array(c.a)), place[c.body].act(np.array(c.b))
+
+    def gap(one: str, two: str) -> float:
+        both = itertools.product(shapes[one], shapes[two])
+        return min(float(to_capsule(*ends(a), a.radius, *ends(b), b.radius)[0]) for a, b in both)
+
+    every = [p for p in itertools.combinations(shapes, 2) if shapes[p[0]][0].body != shapes[p[1]][0].body]
+    for pair in [p for k, p in enumerate(every) if k % 20 == 0 or gap(*p) <= 0.0]:
+        try:
+            own = scene(CollisionAvoidance(pairs=(pair,)), robot)
+        except DeclarationError as error:
+            refused[pair] = str(error)
+        else:
+            assert (own.clearance > 0.0).all(), pair
+            assert not own.overlapping
+            hulls += any(own.is_hull(j) for _, j in own.pairs)
+    for pair, text in refused.items():
+        assert all(link in text for link in pair), text
+        assert gap(*pair) <= 0.0
+    assert refused
+    assert hulls or name == "ur5"
+
+
+def test_a_group_keeps_the_links_that_can_be_kept_apart() -> None:
+    """Neighbours in a chain meet at their joint: the rows of the others remain."""
+    robot = hqp.robots.load("g1")
+    robot.groups["arm"] = [joint for joint in robot.joint_names if "left_" in joint and "hip" not in joint][-7:]
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        avoid = CollisionAvoidance(pairs=(("arm", "arm"), ("arm", "torso_link")))
+        own = scene(avoid, robot)
+    assert own.unseparated == ("left_wrist_roll_link - left_wrist_yaw_link",), told
+    assert "left_wrist_roll_link - left_wrist_yaw_link" in avoid.remark(robot)
+    assert (own.clearance > 0.0).all()
