@@ -17,17 +17,13 @@ from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
+from hqp.policies.braking import default_limits
 from hqp.policies.servo import Gains, Servos, within
-from hqp.tasks import CollisionAvoidance, JointLimits, JointVelocity, PrescribedMotion
-from hqp.tasks.limits import home_inertia
+from hqp.programs.formulation import Velocity
+from hqp.tasks import CollisionAvoidance, JointLimits, JointTorque, JointVelocity, PrescribedMotion, TorqueLimits
+from hqp.torque import Torque
 
 Command = Literal["positions", "velocities", "torques"]
-
-BRAKING = 200.0
-"""Largest deceleration of the default limits [rad/s^2, m/s^2]."""
-
-SHARE = 0.8
-"""Share of a motor's torque that its deceleration may take."""
 
 FASTEST = 1e6
 """Largest velocity of a policy that is not replaced [rad/s]."""
@@ -55,6 +51,9 @@ class PolicyFilter:
     that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None.  kp [N m/rad], kd
     [N m s/rad]: gains of the servos that take position targets, a number, one for each actuated joint or by name.
     command: kind of the policy's and the sent command, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
+    coupled: for torques of a robot whose base is fixed, take the whole dynamics and the motors' limits in place of one
+    inertia for each joint: min |tau - command| subject to the same, so that limits hold if a joint pulls others along;
+    it knows no forces from outside.
     Raises DeclarationError for fields.
     """
 
@@ -63,6 +62,7 @@ class PolicyFilter:
     kp: Gains | None = None
     kd: Gains | None = None
     command: Command = "positions"
+    coupled: bool = False
 
     def __post_init__(self) -> None:
         if self.limits is not None and not isinstance(self.limits, JointLimits):
@@ -75,6 +75,8 @@ class PolicyFilter:
             raise DeclarationError(
                 "PolicyFilter", "command", value=self.command, allowed='"positions", "velocities" or "torques"'
             )
+        if self.coupled and self.command != "torques":
+            raise DeclarationError("PolicyFilter", "coupled", value=self.coupled, allowed='True for "torques" alone')
         if (self.kp is None or self.kd is None) and self.command == "positions":
             raise DeclarationError(
                 "PolicyFilter", "kp and kd", value=(self.kp, self.kd), allowed="the gains of the servos, for positions"
@@ -82,12 +84,21 @@ class PolicyFilter:
 
     def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
         """The stack as a controller, for a file or a batch; its lowest element is ``policy``."""
-        policy = JointVelocity(joints=robot.joint_names, name="policy")
+        if self.coupled and robot.floating:
+            allowed = f"False on {robot.name}, whose feet bear forces that it does not know"
+            raise DeclarationError("PolicyFilter", "coupled", value=self.coupled, allowed=allowed)
+        motors = JointTorque(joints=robot.joint_names, name="policy")
+        policy = motors if self.coupled else JointVelocity(joints=robot.joint_names, name="policy")
         base = [PrescribedMotion(name="base")] if robot.floating else []
         apart = [] if self.collision is None else [self.collision]
-        limits = default_limits(robot) if self.limits is None else (self.limits,)
-        subject_to: list[Element] = [*base, *limits, *apart]
-        return Controller(Stack(Level(policy, price=0), subject_to=subject_to), deadline=deadline, price=0)
+        limited = [
+            name for name, most in zip(robot.joint_names, robot.effort_limit[robot.actuated], strict=True) if most > 0.0
+        ]
+        effort = [TorqueLimits(joints=limited)] if self.coupled and limited else []
+        limits = default_limits(robot, self.coupled) if self.limits is None else (self.limits,)
+        subject_to: list[Element] = [*base, *limits, *effort, *apart]
+        stack = Stack(Level(policy, price=0), subject_to=subject_to)
+        return Controller(stack, Torque(holding=None) if self.coupled else Velocity(), deadline=deadline, price=0)
 
     def servos(self, robot: Robot, dt: float) -> Servos:
         """The servos of the actuated joints; unit gains for commands without servos."""
@@ -105,26 +116,6 @@ class PolicyFilter:
         return PolicyFilterSession(self, session, self.servos(robot, dt))
 
 
-def default_limits(robot: Robot) -> tuple[JointLimits, ...]:
-    """Limits of all joints, grouped by b = 200 / 2^k at most 0.8 tau_max / I, the inertia I at home."""
-    own = robot.actuated
-    with np.errstate(divide="ignore"):
-        most = (
-            SHARE
-            * np.where(robot.effort_limit[own] > 0.0, robot.effort_limit[own], math.inf)
-            / home_inertia(robot)[own]
-        )
-    halvings = np.ceil(np.log2(np.maximum(BRAKING / most, 1.0))).astype(int)
-    names = [robot.joint_name(int(c)) for c in own]
-    return tuple(
-        JointLimits(
-            joints=[name for name, h in zip(names, halvings, strict=True) if h == k],
-            acceleration=None, braking=BRAKING / 2.0**k, approach=60.0, name=f"limits {BRAKING / 2.0**k:g}",
-        )
-        for k in sorted(set(halvings.tolist()))
-    )  # fmt: skip
-
-
 def known(numbers: Vec) -> Vec:
     """The numbers, zero for those that are not finite."""
     return np.where(np.isfinite(numbers), numbers, 0.0)
@@ -134,7 +125,7 @@ class Prediction:
     """Commands of one robot ``(n,)`` or of many ``(count, n)``, before and behind the stack."""
 
     def __init__(self, declared: PolicyFilter, servos: Servos) -> None:
-        self._kind, self.servos = declared.command, servos
+        self._kind, self._coupled, self.servos = declared.command, declared.coupled, servos
         self.reset()
 
     def reset(self) -> None:
@@ -146,7 +137,8 @@ class Prediction:
         self._rate: Vec | float = 0.0
 
     def begin(self, command: ArrayLike, q: Vec, v: Vec) -> tuple[Vec, Vec]:
-        """(command within the effort limits, velocity by it), from joint positions and velocities.
+        """(command within the effort limits, velocity by it), from joint positions and velocities; if coupled, the
+        command twice.
 
         Replace invalid numbers (NaN, infinite) by the last ones sent; in the first tick, by ones that hold the joint.
         """
@@ -167,6 +159,8 @@ class Prediction:
         q, v = known(q), known(v)
         if self._kind == "torques":
             given = within(given, -servos.effort, servos.effort)
+            if self._coupled:
+                return given, given
             return given, v + servos.dt * (given + self._rest) / servos.inertia
         given = servos.within_effort(given, q, v)
         return given, servos.velocity(given, q, v, self._rest)
@@ -176,7 +170,7 @@ class Prediction:
 
         Then tau = I ((x - x-) / dt + 2 (x - v) / T + (p - q) / T^2) - d within the effort limits: x- is the x before,
         p its integral from the last solved tick on, T = 0.1 s.  Without q and v servos aim at p, with the torque -d,
-        and torques lack the middle terms.
+        and torques lack the middle terms.  If coupled, x and ``free`` are torques, and an x that is not solved is sent.
         """
         servos, measured = self.servos, np.isfinite(q) & np.isfinite(v)
         usual = bool(measured.all() and (solved if isinstance(solved, bool) else solved.all()))
@@ -184,6 +178,8 @@ class Prediction:
             q, v, solved = known(q), known(v), np.asarray(solved)[..., None]
         if self._kind == "velocities":
             sent = command + (x - free)
+        elif self._coupled:
+            sent = within(command + (x - free), -servos.effort, servos.effort)
         elif self._kind == "torques":
             sent = within(command + (x - free) * servos.inertia / servos.dt, -servos.effort, servos.effort)
         else:
@@ -203,7 +199,7 @@ class Prediction:
     def _slowed(self, x: Vec, q: Vec, v: Vec, measured: Mask) -> Vec:
         """Command of joints on their way to rest."""
         servos, p, T = self.servos, self._path, max(SLOWING, 2.0 * self.servos.dt)
-        if self._kind == "velocities":
+        if self._kind == "velocities" or self._coupled:
             return x
         back = np.where(measured, 2.0 * (x - v) / T + (p - q) / T**2, 0.0)
         change = (x - self._rate) / servos.dt + back
@@ -214,7 +210,7 @@ class Prediction:
 
     def _observe(self, q: Vec, v: Vec) -> None:
         """Estimate d, the torque that the servos' model lacks: gravity, contacts, other joints."""
-        if self._before is None or self._kind == "velocities":
+        if self._before is None or self._coupled or self._kind == "velocities":
             return
         servos, v_then = self.servos, self._before
         assert self._last is not None
@@ -248,6 +244,7 @@ class PolicyFilterSession:
         own = self._own = self.robot.actuated
         self._still = np.zeros(own.size)
         top = self.robot.velocity_limit[own]
+        top = self._prediction.servos.effort if declared.coupled else top
         self._speed = 1e-9 * (1.0 + np.where(np.isfinite(top), top, 1.0))
 
     def tick(self, q: Vec, v: Vec, command: ArrayLike) -> FilteredTick:
@@ -262,8 +259,10 @@ class PolicyFilterSession:
         own, requested = self._own, np.array(command, dtype=np.float64)
         q, v = state.angles[own], state.v[own]
         taken, free = self._prediction.begin(requested, q, v)
-        tick = self.session.step(state, Reference("policy", self._still, free), now=now)
-        x, solved = tick.x[own], tick.status.solved
+        coupled = self.declared.coupled
+        reference = Reference("policy", free) if coupled else Reference("policy", self._still, free)
+        tick = self.session.step(state, reference, now=now)
+        x, solved = tick.command if coupled else tick.x[own], tick.status.solved
         sent = self._prediction.end(taken, free, x, q, v, solved)
         changed = (np.abs(x - free) > self._speed) | (taken != requested)
         if not solved:

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hqp
@@ -19,7 +20,7 @@ from hqp.robots import Robot
 from hqp.tasks.limits import home_inertia
 from tests.loop.test_begin import Physics, holding, standing
 from tests.robots.test_tendons import drawn as tendons
-from tests.scenes.hostile import DT, KINDS, Plant, hostile
+from tests.scenes.hostile import DT, KINDS, Coupled, Plant, hostile
 from tests.tasks.test_prescribed import load
 
 
@@ -74,6 +75,46 @@ def test_no_command_passes_a_limit(name: str, kind: str) -> None:
     assert limited > 800
 
 
+@pytest.mark.parametrize("name", ["ur5", "kinova", pytest.param("xarm7", marks=pytest.mark.slow)])
+def test_coupled_dynamics_keep_the_limits_of_joints_that_pull_each_other(name: str) -> None:
+    """Hostile torques; ranges, speeds and torques by plain arithmetic. Joints that move alone pass them."""
+    robot, fast = load(name), {True: 0.0, False: 0.0}
+    own, effort = robot.actuated, robot.effort_limit[robot.actuated]
+    for coupled in fast:
+        rng, session = np.random.default_rng(0), coupled_filter(robot, coupled)
+        plant = Coupled(robot, "torques", session)
+        for i in range(2000):
+            tick = session.tick(plant.q, plant.v, hostile(rng, "torques", robot, i))
+            assert (np.abs(tick.command) <= effort).all()
+            plant.move(tick.command)
+            angles = robot.state(plant.q).angles[own]
+            over = np.maximum(robot.lower[own] - angles, angles - robot.upper[own]).max()
+            fast[coupled] = max(fast[coupled], float((np.abs(plant.v[own]) / robot.velocity_limit[own]).max()))
+            if coupled:
+                assert tick.tick.status.solved
+                assert over < 1e-6, (i, over)
+                assert fast[True] <= 1.0, i
+    assert fast[False] > 1.1, "the commands are not hostile"
+
+
+def coupled_filter(robot: Robot, coupled: bool = True) -> Any:
+    return PolicyFilter(command="torques", coupled=coupled).session(robot, DT, deadline=math.inf)
+
+
+def test_coupled_torques_that_break_no_limit_pass() -> None:
+    robot, free = load("ur5"), 0
+    session = coupled_filter(robot)
+    plant, data = Coupled(robot, "torques", session), robot.model.createData()
+    for i in range(300):
+        command = pin.rnea(robot.model, data, plant.q, plant.v, np.sin(0.02 * i + np.arange(6.0)) - plant.v)
+        tick = session.tick(plant.q, plant.v, command)
+        if not tick.limited:
+            np.testing.assert_allclose(tick.command, command, rtol=0.0, atol=1e-12)
+        free += not tick.limited
+        plant.move(tick.command)
+    assert free > 200
+
+
 def test_the_tick_says_who_was_limited_and_by_how_much() -> None:
     robot = load("ur5")
     session = PolicyFilter(kp=400.0, kd=20.0).session(robot, DT, deadline=math.inf)
@@ -121,6 +162,8 @@ def test_declared() -> None:
         (lambda: PolicyFilter(limits=3, kp=1.0, kd=1.0), "limits"),  # type: ignore[arg-type]
         (lambda: PolicyFilter(collision=3, kp=1.0, kd=1.0), "collision"),  # type: ignore[arg-type]
         (lambda: PolicyFilter(command="force"), "command"),  # type: ignore[arg-type]
+        (lambda: PolicyFilter(kp=1.0, kd=1.0, coupled=True), "coupled"),
+        (lambda: coupled_filter(load("g1")), "coupled"),
         (lambda: PolicyFilter(kp=-1.0, kd=1.0).session(robot, DT), "kp"),
         (lambda: PolicyFilter(kp={"elbow_joint": 1.0}, kd=1.0).session(robot, DT), "kp"),
         (lambda: PolicyFilter(kp=1.0, kd=1.0).session(robot, DT).tick(robot.home, np.zeros(6), np.zeros(5)), "shape"),
@@ -132,6 +175,8 @@ def test_declared() -> None:
 def filtered(robot: Robot, kind: str) -> Any:
     """Session of a filter whose servos are critically damped about the inertia at home."""
     own = home_inertia(robot)[robot.actuated]
+    if kind == "coupled":
+        return coupled_filter(robot)
     gains = {"kp": 400.0 * own, "kd": 40.0 * own} if kind == "positions" else {}
     return PolicyFilter(command=kind, **gains).session(robot, DT, deadline=math.inf)  # type: ignore[arg-type]
 
@@ -181,7 +226,9 @@ def test_joints_come_to_rest_after_a_stop_and_without_states(name: str, kind: st
     assert np.abs(plant.v).max() > 0.02
 
 
-@pytest.mark.parametrize(("kind", "lost"), [("positions", False), ("torques", False), ("positions", True)])
+@pytest.mark.parametrize(
+    ("kind", "lost"), [("positions", False), ("torques", False), ("coupled", False), ("positions", True)]
+)
 @pytest.mark.parametrize("name", ["ur5", "kinova"])
 def test_an_arm_under_gravity_comes_to_rest(name: str, kind: str, lost: bool) -> None:
     """Coupled joints by Pinocchio: an arm is stopped, or its states are lost, on its way."""

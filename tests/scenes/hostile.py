@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from hqp.robots import Robot
 
@@ -33,6 +34,17 @@ class Plant:
         self.v = np.zeros(self.robot.nv)
         self.v[own] = after
         self.q = self.robot.integrate(self.q, self.v, DT)
+
+
+class Coupled(Plant):
+    """Joints of a robot on a fixed base under gravity, by Pinocchio in four steps a period; the command are torques."""
+
+    def move(self, command: Any) -> None:
+        model, h = self.robot.model, 0.25 * DT
+        data = model.createData()
+        for _ in range(4):
+            self.v = self.v + h * pin.aba(model, data, self.q, self.v, command)
+            self.q = pin.integrate(model, self.q, h * self.v)
 
 
 def hostile(rng: np.random.Generator, kind: str, robot: Robot, i: int) -> Any:
