@@ -20,9 +20,6 @@ from tests.scenes.bipeds import biped
 UNREAD = {("soles", 0, "frame", "class"), ("soles", 0, "frame", "columns"), ("start",)}
 """Fields that a batch of walkers does not read."""
 
-LISTS = {("motion", "frames"), ("friction",)}
-"""Lists that may be empty: an object in their place reads as an empty one."""
-
 
 @pytest.fixture(scope="module")
 def intact(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
@@ -60,7 +57,7 @@ def test_a_field_that_is_missing_or_no_number_is_refused(intact: dict[str, Any],
     for way in places(intact["walker"]):
         if way in UNREAD:
             continue
-        for damage in ("missing",) if way in LISTS else ("text",) if isinstance(way[-1], int) else ("missing", "text"):
+        for damage in ("text",) if isinstance(way[-1], int) else ("missing", "text"):
             plan = deepcopy(intact)
             at = plan["walker"]
             for step in way[:-1]:

@@ -73,23 +73,23 @@ class Node : public PlanOf<Node> {
   bool flag() const { return json_->flag; }
   std::vector<int> ints() const {
     std::vector<int> found;
-    for (const Json& one : json_->items) found.push_back(Node(one, *memory_).integer());
+    for (const Json& one : items()) found.push_back(Node(one, *memory_).integer());
     return found;
   }
   std::vector<double> numbers() const {
     std::vector<double> found;
-    for (const Json& one : json_->items) found.push_back(Plan::number_of(one));
+    for (const Json& one : items()) found.push_back(Plan::number_of(one));
     return found;
   }
   std::vector<std::string> texts(const char* field) const {
     std::vector<std::string> found;
-    for (const Json& one : (*json_)[field].items) found.push_back(one.text);
+    for (const Json& one : part(field).items()) found.push_back(one.text);
     return found;
   }
   Node part(const char* field) const { return {(*json_)[field], *memory_}; }
   std::vector<Node> parts() const {
     std::vector<Node> found;
-    for (const Json& one : json_->items) found.emplace_back(one, *memory_);
+    for (const Json& one : items()) found.emplace_back(one, *memory_);
     return found;
   }
   std::size_t size() const {  // items of an array
@@ -107,6 +107,11 @@ class Node : public PlanOf<Node> {
   }
 
  private:
+  const std::vector<Json>& items() const {
+    if (json_->kind != Json::Kind::kList) throw PlanError("a field of the plan is not a list: export it anew");
+    return json_->items;
+  }
+
   const Json* json_;
   const Memory* memory_;
 };
