@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
+from hqp.arrays import Vec
 from hqp.declare.law import DCM, PD
 from hqp.declare.price import Price
 from hqp.declare.stack import Level, Stack
@@ -23,6 +24,7 @@ from hqp.tasks import (
 )
 from hqp.tasks.polygons import shrunk
 from hqp.walking.feet import Foot, base_of, leg_joints
+from hqp.walking.knees import bent
 
 BOTH = "both"
 """The phase of two feet on the ground; the phase of one foot has its name."""
@@ -55,7 +57,7 @@ class Laws:
 class Stacks:
     """Stack of a walk, with phases by standing feet: ``both``, ``left`` or ``right``.
 
-        swing, balance, height, trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
+        knees > swing, balance, height, trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
 
     If a sole or the friction bounds these four, each yields a little: in an order the last of them is thrown about for
     the others' angular momentum.  height: height of the pendulum [m].  friction: mu.  limits: limits of joints, without
@@ -70,6 +72,7 @@ class Stacks:
         friction: float,
         laws: Laws,
         limits: JointLimits | None,
+        start: Vec,
     ) -> None:
         legs = leg_joints(robot, feet)
         rest = tuple(name for name in robot.joint_names if name not in legs)
@@ -95,7 +98,10 @@ class Stacks:
         if len(legs) > 12:  # else feet and trunk determine them
             postures.append(Level(self.legs, name="legs"))
         body = Level(*self.swing, self.balance, self.height, self.trunk, name="body", price=HASTE)
-        self.stack = Stack(body, *postures, Level(self.share, name="share"), subject_to=within)
+        self.knees = bent(robot, feet, start)
+        self.stack = Stack(
+            Level(self.knees, name="knees"), body, *postures, Level(self.share, name="share"), subject_to=within
+        )
         self.supports = {
             phase: cast(Balance, replace(self.balance, contacts=on).among(tuple(self.stack)))
             for phase, on in ((BOTH, names), *((name, (name,)) for name in names))

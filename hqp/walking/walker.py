@@ -105,7 +105,7 @@ class Walker:
             gravity=-float(robot.gravity[2]),
         )
         laws = laws or Laws()
-        self.stacks = stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
+        self.stacks = stacks = Stacks(robot, self.feet, self.height, friction, laws, limits, self.start)
         formulation = Torque(contact_law=laws.contact, holding=None)
         controller = Controller(self.stacks.stack, formulation, price=price, braking=Braking(resume="auto"))
         if deadline is not None:

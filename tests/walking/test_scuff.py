@@ -22,7 +22,7 @@ def test_a_foot_pushed_to_the_ground_lands_where_it_was_to_land() -> None:
     course = Course(walker, sensors=None, delay=0.0)
     walker.go(0.3)
     steps, touched, off = 0, 0, []
-    while walker.time < 5.0 and not course.fallen:
+    while walker.time < 5.5 and not course.fallen:
         side, swings = 1 - walker.stance, walker.phase == "swing"
         down = (
             swings
