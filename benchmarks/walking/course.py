@@ -30,7 +30,8 @@ class Course:
     """Course of the walker with its figures; each ``run`` continues it and records.
 
     seed: seed of noise, offsets and masses (even: heavier, odd: lighter); None for a plant equal to the model and the
-    true state.  height: height of the ground at the start [m].  servo, feels: options of walking.Course.
+    true state.  masses: share of mass above or below the model's.  height: height of the ground at the start [m].
+    servo, feels: options of walking.Course.
     """
 
     def __init__(
@@ -44,13 +45,14 @@ class Course:
         height: float = 0.0,
         servo: Servo | None = None,
         feels: bool = True,
+        masses: float = MASSES,
         gait: Gait | None = None,
         **walker: Any,
     ) -> None:
         self.robot = hqp.robots.load(name, rotors=True) if robot is None else robot
         self.walker = Walker(self.robot, gait, **{"dt": DT, "deadline": math.inf, **walker})
         rng = np.random.default_rng(0 if seed is None else 1000 + seed)
-        factor = 1.0 if seed is None else 1.0 + MASSES * (1 - 2 * (seed % 2))
+        factor = 1.0 if seed is None else 1.0 + masses * (1 - 2 * (seed % 2))
 
         def changed(spec: Any) -> None:
             for body in spec.bodies:
