@@ -85,7 +85,7 @@ class Dynamics:
 def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dynamics]:
     """A pass again, with a CoM that the standing soles can accelerate; the tracker's targets stand by the schedule.
 
-    Levels: limits, floor, self-collision > standing feet > moving feet > CoM from above > its height > hands > trunk >
+    Levels: limits, floor, self-collision > standing feet > moving feet > CoM from above > its height, hands, trunk and
     joints.  Raises DeclarationError for a robot without shapes at its soles.
     """
     robot, stacks, fps, q, stands = tracker.robot, tracker.stacks, tracker.targets.fps, found.q, schedule.stands
@@ -99,21 +99,21 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     times = np.minimum(np.arange(len(q)) / fps, (len(legs) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
-    def once(before: Mat, height: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
+    def once(before: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
         plan, highest = None, np.full(len(legs), np.inf)
         for _ in range(PLANS):
             plan = centroidal_plan(own[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
             highest = _reached(stacks.body, own[nodes], plan.com, legs, stands[nodes])
         assert plan is not None
         com, rate, push = plan.at(times, dt)
-        tracker.carries = CarriedCourse(tracker, before, com, (com[:, 2] - height) * _in_flight(schedule))
+        tracker.carries = CarriedCourse(tracker, q, before, com, (com[:, 2] - own[:, 2]) * _in_flight(schedule))
         settled = tracker.settle(before[0], 0, tracker.carries)
         again = tracker.run(settled, np.zeros(robot.nv), 0, len(q) - 1, tracker.carries)
         return again, (com, rate, push), plan.zmp[np.minimum(np.rint(times / dt).astype(int), len(plan.zmp) - 1)]
 
-    again, (com, rate, push), zmp = once(q, own[:, 2], spin)
+    again, (com, rate, push), zmp = once(q, spin)
     for _ in range(1, ROUNDS):
-        again, (com, rate, push), zmp = once(again.q, com[:, 2], centroidal(robot, again.q, fps)[1])
+        again, (com, rate, push), zmp = once(again.q, centroidal(robot, again.q, fps)[1])
     reached, _ = centroidal(robot, again.q, fps)
     before, after = (share_outside(zmp_outside(tracker, each.q, stands)) for each in (found, again))
     hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)
@@ -240,13 +240,17 @@ def _hands_p99(tracker: Tracker, q: Mat) -> float:
 
 
 class CarriedCourse(Course):
-    """References of a pass with a planned CoM ``(T, 3)``; lift ``(T,)`` [m]: height added to moving feet."""
+    """References of a pass with a planned CoM ``(T, 3)``: feet, hands and trunk of q, joints of ``before``.
+
+    A pass that led its hands by those of the pass before would keep each of their lags.  lift ``(T,)`` [m]: height
+    added to moving feet.
+    """
 
     carries = True
 
-    def __init__(self, tracker: Tracker, q: Mat, com: Mat, lift: Vec) -> None:
+    def __init__(self, tracker: Tracker, q: Mat, before: Mat, com: Mat, lift: Vec) -> None:
         fps, stacks = tracker.targets.fps, tracker.stacks
-        super().__init__(tracker, q, stacks.torso, stacks.hips, *stacks.soles.values())
+        super().__init__(tracker, q, stacks.torso, stacks.hips, *stacks.soles.values(), joints=before)
         rate: Any = fps * np.diff(com, axis=0)
         self._motion[stacks.com.name] = com[:, :2], rate[:, :2]
         self._motion[stacks.com_height.name] = com[:, 2:], rate[:, 2:]

@@ -34,31 +34,35 @@ def smoothed(tracker: Tracker, found: Pass) -> Pass:
 
 
 class Course:
-    """References of a last pass: places of hands, toes and heels, the pelvis and the joints, with their rates."""
+    """References of a last pass: places of hands, toes and heels, the pelvis and the joints, with their rates.
+
+    q ``(T, nq)``: the pass before.  joints ``(T, nq)``: configurations whose joints are followed, q for None.
+    """
 
     carries = False
     """True for the stack of a planned CoM."""
 
-    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation) -> None:
+    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation, joints: Mat | None = None) -> None:
         robot, stacks, fps = tracker.robot, tracker.stacks, tracker.targets.fps
         points = [task for _, task in stacks.edges] + [task for task in stacks.points.values() if "hand" in task.name]
         places = {task.name: np.empty((len(q), 3)) for task in points}
         axes = {task.name: np.empty((len(q), 3, 3)) for task in turning}
-        base, joints = np.empty((len(q), 4, 4)), np.empty((len(q), stacks.joints.rows(robot)))
+        base = np.empty((len(q), 4, 4))
         self._heights = {side: np.empty((len(q), 2)) for side in SIDES}
         for i, at in enumerate(q):
             state = robot.state(at)
             for side, heights in self._heights.items():
                 heights[i] = [stacks.down(side, end).value(state)[2] for end in (1, -1)]
-        for i, at in enumerate(filtered(robot, q, fps)):
+        calm = filtered(robot, q, fps)
+        for i, at in enumerate(calm):
             state = robot.state(at)
             base[i] = stacks.base.value(state)
-            joints[i] = stacks.joints.value(state)
             for task in points:
                 places[task.name][i] = task.value(state)
             for turned in turning:
                 axes[turned.name][i] = state.rotation(turned.frame)
-        angles: Any = np.unwrap(joints, axis=0)
+        followed = calm if joints is None else filtered(robot, joints, fps)
+        angles: Any = np.unwrap(np.array([stacks.joints.value(robot.state(at)) for at in followed]), axis=0)
         twists: Any = np.hstack((np.diff(base[:, :3, 3], axis=0), turns(base[:, :3, :3])))
         self._motion: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
         self._motion |= {name: (R, fps * turns(R)) for name, R in axes.items()}

@@ -29,6 +29,9 @@ BELOW = 10.0
 POSTURE = 1.0
 """Rate at which free joints move home [1/s]."""
 
+JOINTS = 0.1
+"""Weight of the joints beside hands, trunk and height of a planned CoM: it settles what these leave free."""
+
 RECOVERY = 0.5
 """Largest speed out of the floor and out of a collision [m/s]."""
 
@@ -49,7 +52,7 @@ class Stacks:
 
     Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest, which is
     within all limits), their heights and the lateral lines that they roll about, moving feet, hands, the tilt of soles,
-    trunk, limbs, posture.  flat: standing soles are flat, above the hands.
+    trunk, limbs, posture.  flat: standing soles are flat and moving soles turned as they will stand, above the hands.
     """
 
     def __init__(
@@ -169,8 +172,8 @@ class Stacks:
         return self._stack(self._levels(standing))
 
     def starting(self, standing: Standing) -> Stack:
-        """For a start: feet stand where they are to be, turned as it suits, as feet do that have landed."""
-        return self._stack(self._levels(standing, turned=True))
+        """For a start: feet stand where they are to be, turned as it suits; flat soles as they are planned."""
+        return self._stack(self._levels(standing, turned=not self.flat))
 
     def closing(self, standing: Standing) -> Stack:
         """Rate of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
@@ -182,15 +185,15 @@ class Stacks:
         return self._stack(kept, motion)
 
     def carrying(self, standing: Standing) -> Stack:
-        """For a planned CoM: soles of standing and moving feet > CoM > its height > hands > trunk > joints."""
+        """For a planned CoM: soles of standing and moving feet > CoM > its height, hands, trunk and joints.
+
+        The last four share a level: hands alone above the trunk lead a waist into a corner of its limits that no small
+        motion leaves, and a strict height does the same to legs that are nearly straight.
+        """
         levels = self._levels(standing)
-        stand = {side for side, _ in standing}
         kept = {name: levels[name] for name in ("stance", "ground", "swing")}
-        kept["swing"] = [*kept["swing"], *(self.soles[side] for side in SIDES if side not in stand)]
-        kept |= {"com": [self.com], "com_height": [self.com_height], "hands": levels["hands"]}
-        kept["trunk"] = [self.torso, self.hips]
-        declared = [Level(*tasks, name=name, price=0) for name, tasks in kept.items() if tasks]
-        return Stack(*declared, Level(self.joints, name="motion", price=0), subject_to=self._subject_to)
+        body = [self.com_height, *levels["hands"], self.torso, self.hips, replace(self.joints, weight=JOINTS)]
+        return self._stack(kept | {"com": [self.com], "body": body})
 
     def _stack(self, levels: dict[str, list[Any]], *below: Level) -> Stack:
         declared = (Level(*tasks, name=name) for name, tasks in levels.items() if tasks)
@@ -202,6 +205,8 @@ class Stacks:
         down = [self.down(side, end).name for side, end in standing]
         raised = [self.down(side, -end).name for side, end in standing]
         kept: list[Any] = [self.heights[name] for name in raised]
+        moving = [side for side in SIDES if side not in stand]
+        tilts = [self.soles[side] for side in moving]
         return {
             "stance": [self.spots[name] for name in down],
             "ground": [
@@ -209,13 +214,9 @@ class Stacks:
                 *(kept if self.flat else (self.above[name] for name in raised)),
                 *(() if turned else lines),
             ],
-            "swing": [self.toes[side] for side in SIDES if side not in stand],
+            "swing": [*(self.toes[side] for side in moving), *(tilts if self.flat else ())],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
-            "soles": [
-                *(() if self.flat else kept),
-                *(self.soles[side] for side in SIDES if side not in stand),
-                *(lines if turned else ()),
-            ],
+            "soles": [*(() if self.flat else (*kept, *tilts)), *(lines if turned else ())],
             "trunk": [*self.trunk, self.hips],
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
             "posture": [self.posture],

@@ -1,0 +1,83 @@
+"""A motion with dynamics is as calm as without, stands on the soles of its plan, and does not hang on rounding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from benchmarks.retargeting.kinds import KINDS
+from hqp.arrays import Mat
+from hqp.motion import Motion, Retargeted, retarget
+from hqp.motion.rates import velocities
+from hqp.tasks.support_polygon import hull
+from hqp.walking.feet import feet_of
+
+ROUNDING = 1e-9
+"""Noise of the person's places [m]: far below any marker's."""
+
+HOPS = ("jumping jacks", "jump", "hop")
+"""Kinds of clips with flights: a clip that ends in the air leaves the foot that lands to rounding."""
+
+DRAWN = [("squat", 0), *(pytest.param(kind, seed, marks=pytest.mark.slow) for seed in (1, 2) for kind in KINDS)]
+
+
+@pytest.fixture(scope="module")
+def g1() -> hqp.robots.Robot:
+    return hqp.robots.load("g1")
+
+
+def _clip(kind: str, seed: int, turn: float = 0.0) -> Motion:
+    """A drawn clip at 30 frames a second, the person turned by an angle [rad]; two seconds of it if a foot stands."""
+    motion = KINDS[kind](np.random.default_rng(seed)).at_rate(30.0)
+    c, s = np.cos(turn), np.sin(turn)
+    places: Any = motion.positions @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    whole = Motion(motion.names, places, motion.fps, motion.parents)
+    return whole if kind in HOPS else whole.part(0, 60)
+
+
+def _acceleration(found: Retargeted) -> float:
+    """99th percentile over the frames of the fastest joint's acceleration [rad/s^2]."""
+    v = velocities(found.robot, found.q, found.fps)[:, 6:]
+    return float(np.quantile(np.abs(np.diff(v, axis=0)).max(axis=1) * found.fps, 0.99))
+
+
+@pytest.mark.parametrize(("kind", "seed"), DRAWN)
+def test_a_carried_motion(kind: str, seed: int, g1: hqp.robots.Robot) -> None:
+    """Joints accelerate at most four times as much as without dynamics, and the plan's ZMP is inside the soles."""
+    clip = _clip(kind, seed, turn=2.0 * seed)
+    found = retarget(clip, g1, dynamics=True)
+    assert _acceleration(found) < 4.0 * max(_acceleration(retarget(clip, g1)), 50.0)
+    assert found.dynamics is not None
+    zmp, stands = found.dynamics.zmp, found.dynamics.stands
+    inside = [_inside(_corners(found, i, down), zmp[i]) for i, down in enumerate(stands) if down.any()]
+    assert np.mean(inside) > 0.9
+
+
+def _corners(found: Retargeted, i: int, down: Any) -> Mat:
+    """Corners of the boxes around the standing soles from above ``(m, 2)`` [m], 10 mm wider than the shapes."""
+    feet, points = feet_of(found.robot), []
+    state = found.robot.state(found.q[i])
+    for foot, on in zip(feet, down, strict=True):
+        if on:
+            x_min, x_max, y_min, y_max = np.add(foot.rectangle, [-0.01, 0.01, -0.01, 0.01])
+            own = np.array([[x, y, 0.0] for x in (x_min, x_max) for y in (y_min, y_max)])
+            points.append(state.position(foot.frame) + own @ state.rotation(foot.frame).T)
+    return np.vstack(points)[:, :2]
+
+
+def _inside(corners: Mat, p: Any) -> bool:
+    around = corners[hull(corners)]
+    along, off = np.roll(around, -1, axis=0) - around, p - around
+    return bool((along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0] > 0.0).all())
+
+
+@pytest.mark.parametrize("kind", ["dab", *(pytest.param(k, marks=pytest.mark.slow) for k in KINDS if k != "dab")])
+def test_rounding_does_not_move_a_carried_motion(kind: str, g1: hqp.robots.Robot) -> None:
+    """Noise of 1e-9 m in the person's places moves no joint by more than 1e-3 rad."""
+    clip, rng = _clip(kind, 3), np.random.default_rng(0)
+    noisy: Any = clip.positions + ROUNDING * rng.standard_normal(clip.positions.shape)
+    one, other = (retarget(m, g1, dynamics=True) for m in (clip, Motion(clip.names, noisy, clip.fps, clip.parents)))
+    assert np.abs(one.angles - other.angles).max() < 1e-3
