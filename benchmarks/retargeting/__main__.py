@@ -12,7 +12,6 @@ from typing import Any
 
 import hqp
 from benchmarks.retargeting.clips import boxes, bvh_files, climbs
-from benchmarks.retargeting.kinds import kinds
 from hqp.markdown import table
 from hqp.motion import Motion
 from hqp.motion.anchored import solved
@@ -28,6 +27,7 @@ from hqp.motion.smoothing import smoothed
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import Targets, targets_of
 from hqp.motion.tracker import Tracker
+from tests.scenes.clips import kinds
 
 HEADER = (
     "robot", "clip", "frames", "solved by", "frames/s", "sliding %", "below floor mm", "into itself mm", "hand p50 mm",

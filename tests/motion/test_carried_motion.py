@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.retargeting.kinds import KINDS
 from hqp.arrays import Mat
 from hqp.motion import Motion, Retargeted, retarget
 from hqp.motion.rates import velocities
 from hqp.tasks.support_polygon import hull
 from hqp.walking.feet import feet_of
+from tests.scenes.clips import KINDS
 
 ROUNDING = 1e-9
 """Noise of the person's places [m]: far below any marker's."""
