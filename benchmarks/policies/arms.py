@@ -37,7 +37,7 @@ BELOW = 15
 """Joints of the policy: legs and waist."""
 LOAD = np.array([0.08, 0.0, 0.0])
 """Place of a load in the axes of a hand [m]."""
-SPEED = 5.0
+SPEED = 4.0
 """Largest speed of the arms' joints that hqp plans [rad/s]."""
 CLAMPED = 6.0
 """Speed of joint targets in the clamp [rad/s]."""
