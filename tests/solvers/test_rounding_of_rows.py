@@ -92,7 +92,7 @@ def test_a_row_is_met_however_short_it_is_beside_others(seed: int) -> None:
     assert missed.max() < 1e-6 * (1.0 + np.linalg.norm(solution.x))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 9, 11, 13, 20, 30, 35, 36, 38, 49, 57])
+@pytest.mark.parametrize("seed", [1, 2, 9, 10, 11, 13, 20, 29, 30, 35, 36, 38, 49, 53, 57])
 def test_stages_near_zero_do_not_have_the_rounding_of_an_answer_far_away(seed: int) -> None:
     """A level of a short row takes the answer 1e5 to 1e9 away after the stage of a priced level ended near zero.
 

@@ -44,3 +44,36 @@ def test_noise_is_no_direction(seed: int, noise: float) -> None:
     assert np.abs(solution.x).max() <= 5.0 + 1e-9
     if solution.status is Status.OPTIMAL:
         assert certificate(problem, solution.x, 1e-8, solution.stage_points)
+
+
+def rows_that_hardly_differ(seed: int) -> Hierarchy:
+    """The last level repeats rows of levels above, one of their directions 1e-6 to 1e-8 as long as the others."""
+    rng, n = np.random.default_rng(seed), 10
+    shared, own = rng.normal(size=(3, n)), rng.normal(size=(2, n))
+    U, sigma, Vt = np.linalg.svd(shared, full_matrices=False)
+    sigma[-1] *= 10.0 ** rng.uniform(-8.0, -6.0)
+    far, above = 3.0 * rng.normal(size=(4, 3)), np.array([0.0, np.inf, 0.0])
+    levels = (
+        Rows(shared, far[0], far[0] + above),
+        Rows(own, far[1, :2], far[1, :2]),
+        Rows(shared, far[2], far[2]),
+        Rows(1e-3 * rng.normal(size=(1, n)), far[1, 2:], far[1, 2:]),
+        Rows(U * sigma @ Vt, far[3], far[3]),
+    )
+    turning = np.array([0.0, 0.0, 10.0, 10.0, 0.0])
+    motion = Motion(rng.normal(size=(3, n)))
+    return Hierarchy(levels, constraints=1, prices=np.array([0.0, 0.0, 1.0, 1.0, 0.0]), turning=turning, motion=motion)
+
+
+def test_no_row_sees_the_error_of_directions_without_motion() -> None:
+    """The error is rounding over the share that remains of the rows: 1e-8, which would take x 1e8 to 1e12 away."""
+    right = 0
+    for seed in range(60):
+        problem = rows_that_hardly_differ(seed)
+        workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+        workspace.limit(math.inf)  # type: ignore[attr-defined]
+        solution = workspace.solve(problem)
+        passes = certificate(problem, solution.x, 1e-6, solution.stage_points).ok
+        assert passes or solution.status is not Status.OPTIMAL, f"{seed}: |x| = {np.linalg.norm(solution.x):.3g}"
+        right += passes
+    assert right > 45

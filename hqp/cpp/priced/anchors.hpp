@@ -18,7 +18,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// A direction counts only if a step of length 1 + |x| along it can meet more than this share of the rows' residual.
+// A direction that may be rounding of the level's longest row counts only if a step of length 1 + |x| along it can meet
+// more than this share of the rows' residual.
 constexpr double kMissed = 1e-7;
 
 struct Anchor {
@@ -151,7 +152,7 @@ class Motions {
     if (!r_ && !level.A) return diagonal(&level);
     stack_.clear();
     target_.clear();
-    double shortest = INFINITY;
+    double shortest = INFINITY, longest = 0.0;
     for (int i = 0; i < level.m; ++i) {
       if (level.lower[i] != level.upper[i]) continue;
       const double* a = level.A ? level.A + static_cast<std::size_t>(i) * n_
@@ -160,11 +161,13 @@ class Motions {
       if (!(square > rounding_ * rounding_)) continue;
       push(a, 1.0, level.lower[i]);
       shortest = smaller(shortest, square);
+      longest = larger(longest, square);
     }
     push_motion(shortest < INFINITY ? kLost * kLost * shortest : 0.0);
     if (target_.empty()) push(picked(0, 0.0), 0.0, 0.0);
     const double far = 1.0 + std::sqrt(dot_any(x, x, n_));
-    over_.set(stack_.data(), target_.data(), static_cast<int>(target_.size()), far / kMissed);
+    over_.set(stack_.data(), target_.data(), static_cast<int>(target_.size()), far / kMissed,
+              kDirection * std::sqrt(longest));
     return over_;
   }
 

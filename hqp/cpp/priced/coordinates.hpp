@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "../solver/dense.hpp"
+#include "../solver/tolerances.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -46,10 +47,14 @@ class Coordinates {
   }
 
   // F: (r, n), or its diagonal if r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
-  // near: with by_row_, longest step along a direction that may meet the remaining f, 0 for any length.
-  void set(const double* F, const double* f, int r, double near = 0.0) {
+  // near: with by_row_, longest step along a direction that may meet the remaining f, 0 for any length; clear: a
+  // direction of which more remains may meet it by any step.
+  void set(const double* F, const double* f, int r, double near = 0.0, double clear = 0.0) {
     diagonal_ = r == 0;
+    uncertain_ = false;
+    flat_error_ = 0.0;
     near_ = near;
+    clear_ = clear;
     if (!diagonal_) return factor(F, f, r, nullptr);
     rank_ = n_;
     double least = INFINITY;
@@ -80,6 +85,9 @@ class Coordinates {
   }
   // Return true if coordinate j is motion.
   bool moves(int j) const { return diagonal_ ? !flat_at_[j] : j < rank_; }
+  // Return true with by_row if little of all rows remained along a direction that counts: rows may see less of
+  // directions without motion than those have of error.
+  bool uncertain() const { return uncertain_; }
 
   // Use n variables, at most as many as at first.
   void resize(int n) {
@@ -109,7 +117,9 @@ class Coordinates {
       add_any(b + j + 1, T + j + 1, -f, rank_ - j - 1);
       b[j] = f;
     }
-    for (int i = rank_; i < n_; ++i) b[i] = std::fabs(b[i]) <= rounding_ ? 0.0 : b[i] / free_;
+    const double length = flat_error_ > 0.0 && rank_ < n_ ? std::sqrt(dot_any(a, a, n_)) : 0.0;
+    const double least = larger(rounding_, flat_error_ * length);
+    for (int i = rank_; i < n_; ++i) b[i] = std::fabs(b[i]) <= least ? 0.0 : b[i] / free_;
   }
 
   // Write an orthonormal basis of the directions of motion, or of the others, (count, n); return the count.
@@ -306,25 +316,37 @@ class Coordinates {
       last_ = square_[best];
     }
     if (rank_ == 0 && !by_row_) least_ = flat_ * flat_ * last_;
-    if (sees(best, width, r)) return best;
-    for (int j = rank_; j < n_ && by_row_; ++j)
-      if (sees(j, width, r)) return j;
-    return -1;
+    int found = sees(best, width, r) ? best : -1;
+    for (int j = rank_; j < n_ && by_row_ && found < 0; ++j)
+      if (sees(j, width, r)) found = j;
+    if (by_row_ && found >= 0) {
+      const double share = remaining(found, width, r);
+      uncertain_ = uncertain_ || share < kUncertain;
+      flat_error_ = larger(flat_error_, kRounding / share);
+    }
+    return found;
   }
 
   // Return true if the remainder of a column is more than rounding, relative to the longest column or (by_row_) to each
-  // row, and a step within near_ meets the remaining f.
+  // row, and it is clear or a step within near_ meets the remaining f.
   bool sees(int j, int width, int r) const {
     const double* c = &columns_[static_cast<std::size_t>(j) * width];
-    if (!by_row_) return dot_any(c + rank_, c + rank_, r - rank_) > least_;
-    if (near_ > 0.0) {
+    const double left = dot_any(c + rank_, c + rank_, r - rank_);
+    if (!by_row_) return left > least_;
+    if (near_ > 0.0 && !(left > clear_ * clear_)) {
       const double* f = &columns_[static_cast<std::size_t>(n_) * width];
-      const double size = near_ * near_ * dot_any(c + rank_, c + rank_, r - rank_);
-      if (!(size > dot_any(f + rank_, f + rank_, r - rank_))) return false;
+      if (!(near_ * near_ * left > dot_any(f + rank_, f + rank_, r - rank_))) return false;
     }
+    return remaining(j, width, r) > flat_;
+  }
+
+  // The largest share of a row's length that remains in a column.
+  double remaining(int j, int width, int r) const {
+    const double* c = &columns_[static_cast<std::size_t>(j) * width];
+    double most = 0.0;
     for (int i = rank_; i < r; ++i)
-      if (c[i] * c[i] > -flat_ * flat_ * rows_[i].first) return true;
-    return false;
+      if (c[i] * c[i] > most * -rows_[i].first) most = c[i] * c[i] / -rows_[i].first;
+    return std::sqrt(most);
   }
 
   // Compute T and Z: reflections clear the entries beyond the rank, last row first.
@@ -353,14 +375,15 @@ class Coordinates {
 
   int n_, ld_, rank_;
   double flat_, share_, free_ = 1.0, rounding_ = 0.0;
-  bool by_row_, diagonal_ = true;
+  bool by_row_, diagonal_ = true, uncertain_ = false;
   std::vector<double> still_, inverse_, unit_;
   std::vector<char> flat_at_;  // zeros of a diagonal F
   std::vector<int> order_;     // (n,) the variable of each column of the triangle
   std::vector<double> T_, Z_;  // (rank, ld), and each reflection's entries beyond the rank, then its scale
   std::vector<double> columns_, square_, y_;
   std::vector<std::pair<double, int>> rows_;
-  double near_ = 0.0;
+  double near_ = 0.0, clear_ = 0.0;
+  double flat_error_ = 0.0;  // of a row's length: error of its entries along directions without motion
   double least_ = 0.0;
   double last_ = 0.0;  // largest remainder when all columns were computed
   mutable std::vector<double> work_;

@@ -68,8 +68,9 @@ class LevelStage {
       reached = search(true);
     }
     ended_ = ended_ && reached;
-    uncertain_ = uncertain_ || search_.uncertain();
-    undecided_ = undecided_ || (!(price > 0.0) && search_.uncertain());
+    const bool uncertain = search_.uncertain() || at.uncertain();
+    uncertain_ = uncertain_ || uncertain;
+    undecided_ = undecided_ || (!(price > 0.0) && uncertain);
     inexact_ = inexact_ || rounds > kFlatRounds || search_.strays(y);
     note(k, reached);
     at.point(y, x.data());
