@@ -68,7 +68,8 @@ class Carrying(Tracking):
         stacks = self.stacks
         body = Level(*stacks.swing, self.balance, stacks.height, stacks.trunk, name="body", price=HASTE)
         rest = [] if stacks.posture is None else [Level(stacks.posture, name="posture")]
-        stack = Stack(body, *rest, Level(stacks.share, name="share"), subject_to=list(stacks.stack.subject_to))
+        knees = Level(stacks.knees, name="knees")
+        stack = Stack(knees, body, *rest, Level(stacks.share, name="share"), subject_to=list(stacks.stack.subject_to))
         controller = Controller(stack, Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
         self.session = controller.session(robot, DT)
         self.moved, self.landing = np.zeros(2), np.zeros(2)

@@ -111,7 +111,7 @@ class Tracking:
         level = float(np.mean([first.position(foot.frame)[2] for foot in self.feet]))
         self.height = float(com[0, 2]) - level
         self.omega = natural_frequency(self.height, -self.robot.gravity[2])
-        self.stacks = Stacks(robot, self.feet, self.height, FRICTION, Laws(), LIMITS)
+        self.stacks = Stacks(robot, self.feet, self.height, FRICTION, Laws(), LIMITS, q[0])
         controller = Controller(self.stacks.stack, Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
         self.session = controller.session(robot, DT)
         self.rests = [targets.contacts.resting[f"{side}_foot"] for side in SIDES]
