@@ -226,12 +226,16 @@ def test_the_zmp_of_a_motion_is_that_of_its_ground_reaction(g1: hqp.robots.Robot
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["talos", "cbi"])
 def test_the_plan_leads_on_other_robots(robot: str) -> None:
-    """Without self-collision: thighs of Talos, whose capsules overlap at home, keep it from bending its knees."""
+    """From above, where the ZMP depends on it; the height yields to hands and trunk (CBi stays 0.11 m above it).
+
+    Without self-collision: thighs of Talos, whose capsules overlap at home, keep it from bending its knees.
+    """
     found = retarget(crouch(1.5), robot, dynamics=True, collision=False)
     assert found.dynamics is not None
     before, after = found.dynamics.zmp_outside
     assert after <= before
-    assert found.dynamics.missed < 0.05
+    com = np.array([found.robot.state(q).com() for q in found.q])
+    assert np.linalg.norm((com - found.dynamics.com)[:, :2], axis=1).max() < 5e-3
 
 
 def test_dynamics_need_the_outline_of_the_soles(g1: hqp.robots.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
