@@ -20,7 +20,7 @@ from .contacts import Mask, smooth
 from .joints import SIDES
 from .rates import velocities
 from .schedule import Schedule
-from .smoothing import LIVELY, Course
+from .smoothing import LIVELY, Course, filtered
 from .tracker import Pass, Tracker
 
 NODES = 60.0
@@ -99,6 +99,8 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     times = np.minimum(np.arange(len(q)) / fps, (len(legs) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
+    course = tracker.carries = CarriedCourse(tracker, q)
+
     def once(before: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
         plan, highest = None, np.full(len(legs), np.inf)
         for _ in range(PLANS):
@@ -106,13 +108,14 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
             highest = _reached(stacks.body, own[nodes], plan.com, legs, stands[nodes])
         assert plan is not None
         com, rate, push = plan.at(times, dt)
-        tracker.carries = CarriedCourse(tracker, q, before, com, (com[:, 2] - own[:, 2]) * _in_flight(schedule))
-        settled = tracker.settle(before[0], 0, tracker.carries)
-        again = tracker.run(settled, np.zeros(robot.nv), 0, len(q) - 1, tracker.carries)
+        course.lead(com, (com[:, 2] - own[:, 2]) * _in_flight(schedule))
+        settled = tracker.settle(before[0], 0, course)
+        again = tracker.run(settled, np.zeros(robot.nv), 0, len(q) - 1, course)
         return again, (com, rate, push), plan.zmp[np.minimum(np.rint(times / dt).astype(int), len(plan.zmp) - 1)]
 
     again, (com, rate, push), zmp = once(q, spin)
     for _ in range(1, ROUNDS):
+        course.follow(again.q)
         again, (com, rate, push), zmp = once(again.q, centroidal(robot, again.q, fps)[1])
     reached, _ = centroidal(robot, again.q, fps)
     before, after = (share_outside(zmp_outside(tracker, each.q, stands)) for each in (found, again))
@@ -240,21 +243,28 @@ def _hands_p99(tracker: Tracker, q: Mat) -> float:
 
 
 class CarriedCourse(Course):
-    """References of a pass with a planned CoM ``(T, 3)``: feet, hands and trunk of q, joints of ``before``.
+    """References of passes with a planned CoM: feet, hands and trunk of q, and those of the plan that leads.
 
-    A pass that led its hands by those of the pass before would keep each of their lags.  lift ``(T,)`` [m]: height
-    added to moving feet.
+    A pass that led its hands by those of the pass before would keep each of their lags.
     """
 
     carries = True
 
-    def __init__(self, tracker: Tracker, q: Mat, before: Mat, com: Mat, lift: Vec) -> None:
-        fps, stacks = tracker.targets.fps, tracker.stacks
-        super().__init__(tracker, q, stacks.torso, stacks.hips, *stacks.soles.values(), joints=before)
+    def __init__(self, tracker: Tracker, q: Mat) -> None:
+        stacks = tracker.stacks
+        super().__init__(tracker, q, stacks.torso, stacks.hips, *stacks.soles.values())
+        self._tracker, self._ends = tracker, {edge.name: self._motion[edge.name] for _, edge in stacks.edges}
+
+    def lead(self, com: Mat, lift: Vec) -> None:
+        """Follow a planned CoM ``(T, 3)``, with moving feet raised by a height ``(T,)`` [m]."""
+        fps, stacks = self._tracker.targets.fps, self._tracker.stacks
         rate: Any = fps * np.diff(com, axis=0)
         self._motion[stacks.com.name] = com[:, :2], rate[:, :2]
         self._motion[stacks.com_height.name] = com[:, 2:], rate[:, 2:]
-        up = np.column_stack((np.zeros((len(q), 2)), lift))
-        for _, edge in stacks.edges:
-            place, velocity = self._motion[edge.name]
-            self._motion[edge.name] = place + up, velocity + fps * np.diff(up, axis=0)
+        up = np.column_stack((np.zeros((len(com), 2)), lift))
+        for name, (place, velocity) in self._ends.items():
+            self._motion[name] = place + up, velocity + fps * np.diff(up, axis=0)
+
+    def follow(self, before: Mat) -> None:
+        """Follow the joints of the pass before ``(T, nq)``."""
+        self._follow_joints(self._tracker, filtered(self._tracker.robot, before, self._tracker.targets.fps))

@@ -36,13 +36,13 @@ def smoothed(tracker: Tracker, found: Pass) -> Pass:
 class Course:
     """References of a last pass: places of hands, toes and heels, the pelvis and the joints, with their rates.
 
-    q ``(T, nq)``: the pass before.  joints ``(T, nq)``: configurations whose joints are followed, q for None.
+    q ``(T, nq)``: the pass before.
     """
 
     carries = False
     """True for the stack of a planned CoM."""
 
-    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation, joints: Mat | None = None) -> None:
+    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation) -> None:
         robot, stacks, fps = tracker.robot, tracker.stacks, tracker.targets.fps
         points = [task for _, task in stacks.edges] + [task for task in stacks.points.values() if "hand" in task.name]
         places = {task.name: np.empty((len(q), 3)) for task in points}
@@ -61,13 +61,17 @@ class Course:
                 places[task.name][i] = task.value(state)
             for turned in turning:
                 axes[turned.name][i] = state.rotation(turned.frame)
-        followed = calm if joints is None else filtered(robot, joints, fps)
-        angles: Any = np.unwrap(np.array([stacks.joints.value(robot.state(at)) for at in followed]), axis=0)
         twists: Any = np.hstack((np.diff(base[:, :3, 3], axis=0), turns(base[:, :3, :3])))
         self._motion: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
         self._motion |= {name: (R, fps * turns(R)) for name, R in axes.items()}
         self._motion[stacks.base.name] = base, fps * twists
-        self._motion[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
+        self._follow_joints(tracker, calm)
+
+    def _follow_joints(self, tracker: Tracker, calm: Mat) -> None:
+        """Take the joints of low-passed configurations ``(T, nq)``."""
+        robot, joints = tracker.robot, tracker.stacks.joints
+        angles: Any = np.unwrap(np.array([joints.value(robot.state(at)) for at in calm]), axis=0)
+        self._motion[joints.name] = angles, tracker.targets.fps * np.diff(angles, axis=0)
 
     def heights(self, side: str, i: int) -> tuple[float, float]:
         """Offsets of toe and heel, in frame i of the pass before [m]."""

@@ -12,7 +12,7 @@ from hqp.arrays import Mat
 from hqp.motion import Motion, Retargeted, retarget
 from hqp.motion.rates import velocities
 from hqp.tasks.support_polygon import hull
-from hqp.walking.feet import feet_of
+from hqp.walking.feet import Foot, feet_of
 from tests.scenes.clips import KINDS
 
 ROUNDING = 1e-9
@@ -52,14 +52,14 @@ def test_a_carried_motion(kind: str, seed: int, g1: hqp.robots.Robot) -> None:
     assert _acceleration(found) < 4.0 * max(_acceleration(retarget(clip, g1)), 50.0)
     assert found.dynamics is not None
     zmp, stands = found.dynamics.zmp, found.dynamics.stands
-    inside = [_inside(_corners(found, i, down), zmp[i]) for i, down in enumerate(stands) if down.any()]
+    feet = feet_of(g1)
+    inside = [_inside(_corners(found, feet, i, down), zmp[i]) for i, down in enumerate(stands) if down.any()]
     assert np.mean(inside) > 0.9
 
 
-def _corners(found: Retargeted, i: int, down: Any) -> Mat:
+def _corners(found: Retargeted, feet: tuple[Foot, Foot], i: int, down: Any) -> Mat:
     """Corners of the boxes around the standing soles from above ``(m, 2)`` [m], 10 mm wider than the shapes."""
-    feet, points = feet_of(found.robot), []
-    state = found.robot.state(found.q[i])
+    state, points = found.robot.state(found.q[i]), []
     for foot, on in zip(feet, down, strict=True):
         if on:
             x_min, x_max, y_min, y_max = np.add(foot.rectangle, [-0.01, 0.01, -0.01, 0.01])
