@@ -139,7 +139,7 @@ class Hostile:
 
 
 def _hostile(name: str, kind: str, ticks: int, coupled: bool | None = None) -> Hostile:
-    """coupled: that of the filter of an arm under gravity; None for joints that move alone."""
+    """Run hostile commands; coupled: option of the filter, on an arm under gravity; None for joints that move alone."""
     robot, rng = hqp.robots.load(name), np.random.default_rng(0)
     collision = CollisionAvoidance(clearance=CLEARANCE)
     session = _declared(kind, collision, coupled is True).session(robot, DT, deadline=math.inf)

@@ -30,7 +30,7 @@ POSTURE = 1.0
 """Rate at which free joints move home [1/s]."""
 
 JOINTS = 0.1
-"""Weight of the joints beside hands, trunk and height of a planned CoM: it settles what these leave free."""
+"""Weight of the joints beside hands, trunk and height of a planned CoM, which leave joints free."""
 
 RECOVERY = 0.5
 """Largest speed out of the floor and out of a collision [m/s]."""

@@ -45,6 +45,3 @@ def default_limits(robot: Robot, coupled: bool = False) -> tuple[JointLimits, ..
         )
         for k, speed in sorted(set(groups))
     )  # fmt: skip
-
-
-__all__ = ["default_limits"]

@@ -19,7 +19,7 @@ KNEES = "u_k", "w_k"
 
 
 def drawn(seed: int, folder: Path) -> Walker:
-    """Straight at 0, whatever the pose of the file."""
+    """A walker of a drawn biped, whose knees are straight at an angle of 0 in each pose of its file."""
     rng = np.random.default_rng(seed)
     size, bend, tilt, lower = rng.uniform([0.5, 0.0, -0.3, 0.01], [1.3, 1.0, 0.3, 0.1]).tolist()
     path = biped(folder, size=size, bend=bend, tilt=tilt, right_first=bool(rng.integers(2)))

@@ -383,7 +383,7 @@ class Coordinates {
   std::vector<double> columns_, square_, y_;
   std::vector<std::pair<double, int>> rows_;
   double near_ = 0.0, clear_ = 0.0;
-  double flat_error_ = 0.0;  // of a row's length: error of its entries along directions without motion
+  double flat_error_ = 0.0;  // error of a row's entries along directions without motion, as a share of its length
   double least_ = 0.0;
   double last_ = 0.0;  // largest remainder when all columns were computed
   mutable std::vector<double> work_;

@@ -189,8 +189,8 @@ class Collision final : public Operation {
     return {origin + h * V.at(origin), R};
   }
 
-  // h: time offset of the world's shapes and of hulls.  feature: of a hull, -1 for the nearest.  limit: a larger
-  // distance may be infinite.
+  // h: time offset of the world's shapes and of hulls.  feature: number of a hull's feature, -1 for the nearest. limit:
+  // a larger distance may be infinite.
   Distance measure(int row, Segment one, Segment two, double h = 0.0, int feature = -1, double limit = kFar) const {
     const auto [i, j] = pair_of(row);
     const int end = row / count_;

@@ -65,7 +65,7 @@ class Polytope {
     Vec3 middle;
     double half;  // of its length
   };
-  struct Part {  // of the surface, in a ball: two halves, or a few faces with some of their edges
+  struct Part {  // a piece of the surface within a ball: two halves, or a few faces with some of their edges
     Vec3 centre;
     double radius;
     int halves[2];
@@ -139,7 +139,7 @@ class Polytope {
   struct Axis : Segment {
     Vec3 along;
     double share;                           // 1 / length^2, 0 for a point
-    int ends;                               // of different place
+    int ends;                               // number of different ends
     double off(const Vec3& centre) const {  // squared distance
       const Vec3 w = centre - a, left = w - std::min(std::max(share * dot(w, along), 0.0), 1.0) * along;
       return dot(left, left);

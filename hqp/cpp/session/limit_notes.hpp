@@ -15,7 +15,7 @@ class LimitNotes {
   explicit LimitNotes(Line& line) : line_(line), watch_(limit_watch(line)) { over_.reserve(std::size_t(line.nv())); }
 
   std::size_t size() const { return watch_.size(); }
-  // marks, slacks: sides of all rows in a tick of that number and how much they are violated; q: its state; around:
+  // marks, slacks: sides and violations of all rows in a tick of that number; q: its state; around:
   // velocity at the centre of the limits' windows.
   template <class Report>
   void look(const std::int8_t* marks, const double* slacks, std::int64_t tick, const double* q, const double* around,

@@ -63,7 +63,7 @@ class LimitWatch {
     why.cause = Cause::kOverrun, why.where = unit, why.amount = over;
     return over > kOver;
   }
-  // Return true if a joint is outside [low, high] by more than rounding; slack: how much its row is violated.
+  // Return true if a joint is outside [low, high] by more than rounding; slack: violation of its row.
   static bool outside(double by, double low, double high, double slack, const char* unit, Note& why) {
     why.cause = std::fabs(slack) > kOver ? Cause::kOutside : Cause::kReturns, why.where = unit;
     why.amount = by, why.allowed = low, why.most = high;

@@ -76,7 +76,7 @@ enum class Cause {
   kRestless,   // its command alternates from limit to limit
   kOverrun,    // its position limit will be passed, where: by so many of that unit
   kOutside,    // it is outside its position limits, where: by so many of that unit
-  kReturns,    // the same, and the command leads it back
+  kReturns,    // it is outside them as well, and the command leads it back
   kSolver,     // see the status
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
