@@ -223,19 +223,30 @@ def test_the_zmp_of_a_motion_is_that_of_its_ground_reaction(g1: hqp.robots.Robot
         assert support.outside(zmp) == pytest.approx(measured[i], abs=4e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("robot", ["talos", "cbi"])
-def test_the_plan_leads_on_other_robots(robot: str) -> None:
-    """From above, where the ZMP depends on it; the height yields to hands and trunk (CBi stays 0.11 m above it).
+@pytest.fixture(scope="module", params=["talos", "cbi"])
+def crouched(request: pytest.FixtureRequest) -> Retargeted:
+    """Without self-collision: thighs of Talos, whose capsules overlap at home, keep it from bending its knees."""
+    return retarget(crouch(1.5), request.param, dynamics=True, collision=False)
 
-    Without self-collision: thighs of Talos, whose capsules overlap at home, keep it from bending its knees.
-    """
-    found = retarget(crouch(1.5), robot, dynamics=True, collision=False)
-    assert found.dynamics is not None
-    before, after = found.dynamics.zmp_outside
+
+@pytest.mark.slow
+def test_the_plan_leads_on_other_robots(crouched: Retargeted) -> None:
+    """The CoM follows its plan from above, where the ZMP depends on it."""
+    assert crouched.dynamics is not None
+    before, after = crouched.dynamics.zmp_outside
     assert after <= before
-    com = np.array([found.robot.state(q).com() for q in found.q])
-    assert np.linalg.norm((com - found.dynamics.com)[:, :2], axis=1).max() < 5e-3
+    com = np.array([crouched.robot.state(q).com() for q in crouched.q])
+    assert np.linalg.norm((com - crouched.dynamics.com)[:, :2], axis=1).max() < 5e-3
+
+
+@pytest.mark.slow
+def test_the_height_of_the_plan_is_reached_on_other_robots(
+    crouched: Retargeted, request: pytest.FixtureRequest
+) -> None:
+    if crouched.robot.name == "cbi":
+        request.applymarker(pytest.mark.xfail(reason="issue 51: the height yields to hands and trunk, by 0.11 m"))
+    assert crouched.dynamics is not None
+    assert crouched.dynamics.missed < 0.05
 
 
 def test_dynamics_need_the_outline_of_the_soles(g1: hqp.robots.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
