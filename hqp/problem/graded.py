@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec, row_lengths
-from hqp.tolerances import FLAT_ROW, GRADED_ROWS
+from hqp.tolerances import FLAT_ROW, GRADED_ROWS, NULL_SPACE_ROUNDING
 
 
 def is_graded(lengths: Vec, zero: float) -> bool:
@@ -46,16 +46,17 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: 
     slack, lengths: ``(m,)``; sizes: ``(m,)``, sizes that errors of the rows are relative to.  A term is the pull of the
     row, plus its pull for a slack of its size, plus ``rounding`` of either: rounding of a row of unit length, divided
     by the tolerance.  Rounding of entries pulls by the slack that the step leaves of the rows as they are given: the
-    reflections mix rows, and a short one has what a long one leaves.  Entries within their error add no direction, a
-    slack within its error is not taken away.
+    reflections mix rows, and a short one has what a long one leaves.  Entries within their error add no direction; a
+    slack within its error, or within the step that this pull makes of a row, is not taken away.
     """
     found = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW, errors)
     T, order, rank = found.T, found.order, found.rank
-    taken = np.maximum(np.abs(T[:rank, -1]) - found.errors.slack[:rank], 0.0) / sizes[order[:rank]]
+    left = lengths @ np.abs(slack + face @ found.step(face.shape[1]))
+    doubt = found.errors.slack[:rank] + NULL_SPACE_ROUNDING * left / np.abs(np.diagonal(T)[:rank])
+    taken = np.maximum(np.abs(T[:rank, -1]) - doubt, 0.0) / sizes[order[:rank]]
     A, w = T[rank:, face.shape[1] : -1], T[rank:, -1]
     size, own = sizes[order[rank:]], lengths[order[rank:]]
-    rounded = lengths @ np.abs(slack + face @ found.step(face.shape[1])) + rounding * (own @ size)
-    terms = np.linalg.norm(A, axis=1) @ (np.abs(w) + size) + rounding * rounded
+    terms = np.linalg.norm(A, axis=1) @ (np.abs(w) + size) + rounding * (left + rounding * (own @ size))
     return Pull(A.T @ w, float(terms), float(taken.max(initial=0.0)))
 
 

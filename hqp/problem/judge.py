@@ -158,8 +158,9 @@ class Judge:
         clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
         reach = float(np.linalg.norm(U[:, clear].T @ slack[counted]))
         rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
-        reach -= (rounding + self.tolerance) * longest * max(RESTING, float(np.abs(x).max(initial=0.0)))
-        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=counted))
+        rest = longest * max(RESTING, float(np.abs(x).max(initial=0.0)))
+        reach -= (rounding + self.tolerance) * rest
+        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=rest, where=counted))
 
     def judge(
         self, gradient: Vec, scale: float, own: Index | None = None, normals: Mat | None = None

@@ -86,7 +86,7 @@ def test_a_level_that_could_fall_along_a_short_direction_is_refused() -> None:
     above, row = 1e5 * np.eye(5)[:3], np.array([[1e5, 0.0, 0.0, 10.0, 0.0]])
     problem = Hierarchy((Rows(above, np.zeros(3), np.zeros(3)), Rows(row, np.array([3.0]), np.array([3.0]))))
     assert certificate(problem, np.array([0.0, 0.0, 0.0, 0.3, 0.0]), 1e-8).ok
-    assert certificate(problem, np.zeros(5), 1e-6).gaps[1] > 0.9
+    assert certificate(problem, np.zeros(5), 1e-6).gaps[1] > 0.2
 
 
 @needs_kernel

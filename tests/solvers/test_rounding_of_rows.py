@@ -137,6 +137,28 @@ def test_rounding_of_entries_pulls_by_the_slack_of_the_rows_as_given(seed: int) 
     assert 0.1 * tolerance < abs(found.along[0]) / found.size <= 1.001 * tolerance
 
 
+@pytest.mark.parametrize("seed", range(60))
+def test_an_optimum_that_balances_rounding_of_long_rows_is_one(seed: int) -> None:
+    """Long rows see the face by rounding alone and keep their slack: they pull as hard as rows 1e8 times shorter."""
+    rng, free = np.random.default_rng(seed), 6
+    long, short = 10.0 ** rng.uniform(1.0, 3.0, 2), 10.0 ** rng.uniform(-6.5, -5.5, 12)
+    lengths, slack = np.concatenate([long, short]), np.concatenate([rng.normal(size=2), rng.normal(size=12) * short])
+    B = rng.normal(size=(12, free)) / np.sqrt(free) * short[:, None]
+    rounding = 0.3 * NULL_SPACE_ROUNDING * long[:, None] * rng.uniform(-1.0, 1.0, (2, free)) / np.sqrt(free)
+    nothing, none = np.zeros((14, 0)), Errors(np.zeros(14), np.zeros(14))
+
+    def taken(times: float) -> float:
+        """The share that the best step takes of a row that balances so much of the rounding."""
+        left = np.linalg.qr(B)[0]
+        own = slack[2:] - left @ (left.T @ slack[2:])
+        own -= np.linalg.lstsq(B.T, times * rounding.T @ slack[:2], rcond=None)[0]
+        face, every = np.concatenate([rounding, B]), np.concatenate([slack[:2], own])
+        return pull(face, nothing, every, lengths, lengths, 0.0, none).taken
+
+    assert taken(1.0) == 0.0
+    assert taken(1e6) > 1e-8
+
+
 def test_active_rows_make_no_verdict_stricter() -> None:
     """The optimum of a level among more points is its optimum among fewer: a row that pulls by rounding alone is free.
 

@@ -273,6 +273,22 @@ def test_a_bound_holds_a_level_that_reaches_it_before_the_step_counts(
     assert certificate(case, x, tolerance).ok == (counts < 1.0 and 10.0**far < SOFTNESS)
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_bounds_exceeded_by_a_little_make_a_gap_of_a_little(seed: int) -> None:
+    """The gap is no more than the excess relative to x, also of bounds at zero: their terms are no larger than it."""
+    rng, n = np.random.default_rng(seed), 6
+    lower, size = np.where(rng.random(n) < 0.5, 0.0, -1.0), 10.0 ** rng.uniform(-3.0, 1.0)
+    x = size * rng.uniform(0.2, 1.0, n)
+    x[: (count := int(rng.integers(1, n)))], lower[:count] = 0.0, 0.0
+    levels = [Rows(Selection(np.arange(n)), size * lower, np.full(n, 2.0 * size))]
+    levels.append(Rows(np.eye(n), pulled := np.where(np.arange(n) < count, -size, x), pulled))
+    problem = Hierarchy(tuple(levels), constraints=1)
+    for excess in size * 10.0 ** np.arange(-12.0, -4.0):
+        off = np.where(np.arange(n) < count, -excess, 0.0)
+        assert certificate(problem, x + off, 1e-8).gaps[0] <= 10.0 * excess / x.max()
+    assert not certificate(problem, x + np.where(np.arange(n) < count, -1e-6 * size, 0.0), 1e-8).ok
+
+
 def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
     """A short row pushes against a long inequality: its force is a slack below rounding."""
     A, upper = np.array([[1e6, 0.0], [1.0, 0.0]]), np.array([1e6, 3.0])
