@@ -28,12 +28,13 @@ OF_A_LOOP = [
     ("cone_apex", 1631, False),
     *(("level_scales", seed, False) for seed in (1413, 1766)),
     ("many_levels", 1602, True),
-    *(("near_parallel", seed, False) for seed in (43, 60, 184, 235, 970)),
-    *(("near_parallel", seed, True) for seed in (55, 141, 144, 190, 216, 262, 982)),
+    *(("near_parallel", seed, False) for seed in (43, 60, 184, 235, 970, 50069)),
+    *(("near_parallel", seed, True) for seed in (55, 141, 144, 190, 216, 262, 982, 50069, 30600104)),
     *(("row_scales", seed, False) for seed in (38, 70, 83, 136, 189, 198, 315, 468, 1437, 1443, 1447)),
+    *(("row_scales", seed, True) for seed in (1309, 30600035, 30600208, 30600356, 30600507)),
     ("vertex", 1352, False),
     *(("zero_rows", seed, False) for seed in (145, 201, 1384, 1506, 1799)),
-    *(("zero_rows", seed, True) for seed in (1465, 1579)),
+    *(("zero_rows", seed, True) for seed in (1344, 1465, 1579)),
 ]
 """Rows that pull 1e7 times as hard as their level, rows of a level 1e8 apart: once wrong by 1e-6 to 1 without doubt.
 
@@ -42,7 +43,8 @@ Levels of inequalities that miss by 1e3 to 1e6, whose slacks counted as motion; 
 uses, crept along a row that it left; in the last problems of row_scales and zero_rows it lost rows 1e12 shorter than
 their level's longest, met or not; with many levels a choice left a bound at zero by 1e-9. In the last of near_parallel
 a hard row is missed by 1e-8, by no more than the certificate's tolerance; in the vertex a row blocks its own release
-again and again.  In conflicts rows saw the error of directions without motion.
+again and again.  In conflicts rows saw the error of directions without motion. Of rows much shorter than their level's
+longest, directions without motion, which cost little and so count much, left nothing: row_scales with flat motion.
 """
 
 
@@ -77,6 +79,11 @@ def priced_problem(kind: str, seed: int, flat: bool) -> Hierarchy:
 def in_a_loop(solver: Solver, kind: str, seed: int, flat: bool) -> tuple[Hierarchy, Solution]:
     """Solve a priced problem as in a control loop: with a time limit the solver skips the certificate."""
     case = priced_problem(kind, seed, flat)
+    return case, solved_in_a_loop(solver, case)
+
+
+def solved_in_a_loop(solver: Solver, case: Hierarchy) -> Solution:
+    """Solve any problem so."""
     workspace = solver.workspace(case.shape)
     workspace.limit(math.inf)  # type: ignore[attr-defined]
-    return case, workspace.solve(case)
+    return workspace.solve(case)

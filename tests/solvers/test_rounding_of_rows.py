@@ -11,7 +11,7 @@ import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.problem.graded import Errors, pull
 from hqp.tolerances import FEASIBILITY_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDED
-from tests.scenes.priced import priced_problem
+from tests.scenes.priced import priced_problem, solved_in_a_loop
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -157,6 +157,62 @@ def test_an_optimum_that_balances_rounding_of_long_rows_is_one(seed: int) -> Non
 
     assert taken(1.0) == 0.0
     assert taken(1e6) > 1e-8
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_rows_of_one_level_that_differ_in_length_keep_their_own_rounding(seed: int) -> None:
+    """Most of the drawn rows are 1e3 to 1e8 times shorter than the longest, and motion sees a part of x."""
+    rng, n = np.random.default_rng(seed), int(np.random.default_rng(seed).integers(4, 8))
+    A = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-6.0, 2.0, (n, 1))
+    goal, F = np.linalg.norm(A, axis=1) * rng.normal(size=n), rng.normal(size=(int(rng.integers(1, n)), n))
+    price = 10.0 ** rng.uniform(-3.0, 0.0, 1)
+    problem = Hierarchy((Rows(A, goal, goal.copy()),), prices=price, motion=Motion(F, rng.normal(size=len(F))))
+    solution = solved_in_a_loop(hqp.solvers.load("lexicographic"), problem)
+    assert solution.status is Status.OPTIMAL
+    verdict = certificate(problem, solution.x, 1e-8, solution.stage_points)
+    assert verdict.ok, str(verdict)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_nearly_parallel_rows_hold_motion_beside_directions_without_motion(seed: int) -> None:
+    """Two directions without motion meet two of the three rows, so the third, 1e-6 to 1e-4 from parallel, holds motion.
+
+    An anchored level counts its turning beside that row.
+    """
+    rng, n = np.random.default_rng(seed), 6
+    C = rng.normal(size=n) + 10.0 ** rng.uniform(-6.0, -4.0) * rng.normal(size=(3, n))
+    A, B, x = rng.normal(size=(1, n)), rng.normal(size=(2, n)), rng.normal(size=n)
+    levels = [Rows(M, goal, goal.copy()) for M, goal in ((C, C @ x), (A, np.full(1, 30.0)), (B, np.full(2, 20.0)))]
+    prices, turning = np.array([0.0, 1.0, 0.0]), np.array([0.0, 3.0, 0.0])
+    motion = Motion(rng.normal(size=(n - 2, n)))
+    problem = Hierarchy(tuple(levels), constraints=1, prices=prices, motion=motion, turning=turning)
+    solution = solved_in_a_loop(hqp.solvers.load("lexicographic"), problem)
+    verdict = certificate(problem, solution.x, 1e-8, solution.stage_points)
+    assert verdict.ok or solution.status is Status.RANK_UNCERTAIN, str(verdict)
+
+
+def test_last_digits_of_nearly_parallel_rows_do_not_move_a_certain_answer() -> None:
+    """Multipliers of rows 1e-7 to 1e-4 from parallel are so large that their rounding turns the motion."""
+    solver, certain, farthest = hqp.solvers.load("lexicographic"), 0, 0.0
+    for seed in range(200):
+        rng, n = np.random.default_rng(seed), 5
+        C = rng.normal(size=n) + 10.0 ** rng.uniform(-7.0, -4.0) * rng.normal(size=(3, n))
+        c = C @ rng.normal(size=n)
+        A = rng.normal(size=2) @ C[:2] + 10.0 ** rng.uniform(-7.0, -3.0) * rng.normal(size=(1, n))
+        a = A @ rng.normal(size=n) + 1e3 * rng.normal(size=1)
+        prices = np.array([0.0, 10.0 ** rng.uniform(-4.0, 0.0)])
+        answers = []
+        for noise in (0.0, *[NULL_SPACE_ROUNDING] * 3):
+            levels = [
+                Rows(M * (1.0 + noise * rng.uniform(-1.0, 1.0, M.shape)), m, m.copy()) for M, m in ((C, c), (A, a))
+            ]
+            answers.append(solved_in_a_loop(solver, Hierarchy(tuple(levels), constraints=1, prices=prices)))
+        if all(answer.status is Status.OPTIMAL for answer in answers):
+            x = np.array([answer.x for answer in answers])
+            farthest = max(farthest, float(np.linalg.norm(x[1:] - x[0], axis=1).max() / np.linalg.norm(x[0])))
+            certain += 1
+    assert certain > 100
+    assert farthest < 3e-8
 
 
 def test_active_rows_make_no_verdict_stricter() -> None:

@@ -73,6 +73,7 @@ class Motions {
   void hold(const double* a) {
     base_.row(a, row_.data());
     const int moving = base_.rank();
+    if (!base_.diagonal()) scale(row_.data() + moving, n_ - moving, kFreeShare);  // as if they cost like motion
     const double square = dot_any(row_.data(), row_.data(), n_), least = kLost * std::sqrt(square);
     for (int pass = 0; pass < 2 && flats_; ++pass) off(flat_, flats_, moving);
     if (take(flat_, flats_, moving, n_, least)) return;

@@ -12,7 +12,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kShort = 1e-14;   // less than this, and more than rounding, is an uncertain direction
 constexpr int kFew = 5;            // largest number of rotated rows: less than a pose has
 constexpr double kClearOf = 1e-5;  // mu above this fraction of the largest square is clear of rounding
 constexpr double kSquared = 2e-8;  // a step of Newton, relative to mu, that leaves rounding
@@ -32,22 +31,25 @@ class Secular {
     U_.assign(static_cast<std::size_t>(m) * m, 0.0);
     square_.resize(m);
     for (int i = 0; i < m; ++i) U_[i * m + i] = 1.0;
+    part_.resize(m);
+    double size = 0.0;
+    for (int i = 0; i < m; ++i) part_[i] = dot_any(M + i * ld, M + i * ld, N);
     rotate(M, ld, N, e);
-    double largest = 0.0, size = 0.0;
     for (int i = 0; i < m; ++i) {
       square_[i] = dot_any(M + i * ld, M + i * ld, N);
-      largest = larger(largest, square_[i]);
       size = larger(size, std::abs(e[i]));
     }
     e_ = e;
     met_ = true;
     double reach = 0.0;
     for (int i = 0; i < m; ++i) {
-      if (square_[i] <= kSquareRounding * largest) {
+      double own = 0.0;  // of the rows that it is made of
+      for (int j = 0; j < m; ++j) own += U_[i * m + j] * U_[i * m + j] * part_[j];
+      if (square_[i] <= kRounding * kRounding * own) {
         square_[i] = 0.0;
         if (std::abs(e[i]) > kOnRow * size) met_ = false;
       } else {
-        uncertain = uncertain || square_[i] < kShort * largest;
+        uncertain = uncertain || square_[i] < kUncertain * kUncertain * own;
         const double u = e[i] / square_[i];
         reach += u * u;
       }

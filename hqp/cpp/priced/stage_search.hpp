@@ -455,25 +455,29 @@ class StageSearch {
     double scale = 0.0;
     for (int j = 0; j < N_; ++j) scale += y[j] * grade[j] * y[j] * grade[j];
     scale = price * std::sqrt(scale);
+    const double least = scale + price;
+    double rounded = 0.0, kept = 0.0;
     for (int k = 0; k < rank; ++k) part_[k] *= price;
     for (int i = 0; i < goal_.m; ++i) {
       add_any(part_.data(), &K_[static_cast<std::size_t>(i) * ld_], u_[i], rank);
       scale = larger(scale, std::abs(u_[i]) * goal_.size[i]);
+      rounded += std::abs(u_[i]) * goal_.size[i];
     }
     space_.multipliers(part_.data(), lambda_.data());
     int found = -1;
     double worst = kMultiplierSign * scale;
-    off_ = 0.0;
     for (std::size_t k = 0; k < set_.size(); ++k) {
       // the gradient must point into the side: lambda <= 0 at upper
       const double pull = lambda_[k] * (*rows_)[set_[k]].size, wrong = side_[set_[k]] * pull;
-      off_ = larger(off_, larger(kRounding * std::abs(pull), kept_[set_[k]] ? wrong : 0.0) / (scale + price));
+      rounded += std::abs(pull);
+      if (kept_[set_[k]]) kept = larger(kept, wrong);
       if ((*rows_)[set_[k]].equal()) continue;
       if (wrong <= worst || kept_[set_[k]]) continue;
       if (lowest && found >= 0 && set_[k] > set_[found]) continue;
       if (!lowest) worst = wrong;
       found = static_cast<int>(k);
     }
+    off_ = larger(kRounding * rounded / least, kept / (scale + price));
     return found;
   }
 
@@ -491,7 +495,7 @@ class StageSearch {
   std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, base_, turned_, e_, u_;
   int turned_by_ = -1;  // count of held rows whose reflections are in turned_, -1 for none
   double size_ = 0.0;
-  double off_ = 0.0;  // relative error of the gradient, by the signs of kept rows and the rounding of held ones
+  double off_ = 0.0;  // relative error of the gradient: signs of kept rows; of that of motion: rounding of all rows
 };
 
 }  // namespace HQP_ISA
