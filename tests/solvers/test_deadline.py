@@ -31,7 +31,7 @@ def forbid(*_: Any, **__: Any) -> Any:
     raise AssertionError("a second opinion within a deadline")
 
 
-@pytest.mark.parametrize("name", ["vertex 3", "mixture 12", "near_parallel 0"])
+@pytest.mark.parametrize("name", ["conflicts 2", "mixture 12", "near_parallel 0"])
 def test_a_solver_with_a_deadline_gives_no_second_opinion_of_priced_levels(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
