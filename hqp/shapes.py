@@ -63,6 +63,14 @@ class LinkHull(NamedTuple):
         """Radius of the ball around it [m]."""
         return max(math.dist(self.a, corner) for corner in self.corners) + self.rounding
 
+    @property
+    def edges(self) -> list[LinkCapsule]:
+        """Its edges, as thick as it is rounded: together they are as far from another convex shape, but for a corner of
+        that above the middle of a triangle."""
+        sides = {(min(k), max(k)) for a, b, c in self.triangles for k in ((a, b), (b, c), (c, a))}
+        ends = ((self.corners[a], self.corners[b]) for a, b in sorted(sides))
+        return [LinkCapsule(self.name, self.body, a, b, self.rounding, True) for a, b in ends]
+
 
 class Shape(NamedTuple):
     """A shape of the world, plain data: kind, name, size [m], and its pose: position [m], roll, pitch, yaw [rad].

@@ -48,9 +48,10 @@ def candidates(
     """
     with robot.keep_shapes():
         capsules = tuple(robot.capsules)
-        first = len(capsules)
         judged, outside = _pairs(element, robot, world, named, capsules, clearance)
-        links: tuple[LinkCapsule | LinkHull, ...] = (*capsules, *judged.hulls)
+        own = (*capsules, *judged.edges)
+        links: tuple[LinkCapsule | LinkHull, ...] = (*own, *judged.hulls)
+    first = len(own)
     pairs, apart = judged.pairs + [(i, first + k) for i, k in judged.closer], judged.unseparated
     if joints is not None:
         moved = {robot.subtree(robot.joint_name(int(c))) for c in robot.joints(joints)}
@@ -58,13 +59,13 @@ def candidates(
         outside = [(i, k) for i, k in outside if links[i].body in moved]
     lying = [(i, j) for i, j in pairs if j >= first]
     lying += [(i, len(links) + k) for i, k in outside if world[k].kind not in ("sphere", "capsule")]
-    lying = [(i, j) for i, j in lying if math.dist(capsules[i].a, capsules[i].b) > SHORT]
+    lying = [(i, j) for i, j in lying if math.dist(own[i].a, own[i].b) > SHORT]
     ends: dict[int, int] = {}
     points: list[LinkCapsule] = []
     for i, _ in lying:
         if i not in ends:
-            own, ends[i] = capsules[i], len(links) + len(points)
-            points += [own._replace(b=own.a), own._replace(a=own.b)]
+            ends[i] = len(links) + len(points)
+            points += [own[i]._replace(b=own[i].a), own[i]._replace(a=own[i].b)]
     more = len(points)
     every = pairs + [(i, len(links) + more + k) for i, k in outside]
     every += [(ends[i] + k, j + more if j >= len(links) else j) for i, j in lying for k in (0, 1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,20 +30,23 @@ REMEMBERED = 64
 """Robots whose pairs are remembered: copies of a robot share them."""
 
 Pair = tuple[int, int]
+_Row = tuple[Mask, LinkCapsule, LinkHull]
 Places = dict[int, tuple[Mat, Mat]]
 Key = tuple[Any, ...]
 
 
 class Judged(NamedTuple):
-    """Pairs of capsules, hulls of links, and pairs of a capsule and a hull, by their numbers.
+    """Pairs of capsules, hulls of links and edges of hulls, and pairs of a capsule or edge and a hull, by their numbers.
 
-    unseparated: pairs of capsules whose links may touch although all rows hold, since no hull keeps them apart either.
+    Edges are counted after the capsules.  unseparated: pairs of capsules whose links may touch although all rows hold,
+    since no hull keeps them apart either.
     """
 
     pairs: list[Pair]
     hulls: tuple[LinkHull, ...]
     closer: list[Pair]
     unseparated: list[Pair]
+    edges: tuple[LinkCapsule, ...] = ()
 
 
 _FOUND: dict[Key, Judged] = {}
@@ -60,7 +64,10 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
       (``kept``) excludes.
 
     If the shapes of two links touch in a configuration that the rows of their capsules allow, those of one link as
-    convex hulls take the place of its capsules, if they are apart from the capsules of the other link at home.
+    convex hulls take the place of its capsules, if they are apart from the capsules of the other link at home.  If
+    they are not, or if the shapes touch in less than a third of the configurations that they exclude, a few edges of
+    either link's hulls, which the hulls of the other stay away from, take the place of all capsules, if
+    the shapes touch in a third of those that edges exclude.
 
     Configurations are drawn within the joint ranges; pairs that come near in fewer than 100 of 2000 count, unless their
     capsules overlap at home.  Shapes are those that capsules are fitted to; other capsules are the shapes themselves.
@@ -118,7 +125,7 @@ def _judged(
                 continue
             unseparated.append(those[0])
         found += rows
-    return Judged(sorted(found), tuple(closer.hulls), closer.pairs, unseparated)
+    return Judged(sorted(found), tuple(closer.hulls), closer.pairs, unseparated, tuple(closer.edges))
 
 
 def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -> Judged:
@@ -145,7 +152,7 @@ def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -
         best: tuple[float, list[int], tuple[LinkHull, ...]] = 0.0, [], ()
         for own, others in (sides := _sides(capsules, those), sides[::-1]):
             tried = drawn.hulls(others[0])
-            home = min(float(drawn.hull_gap(i, hull)[0]) for i in own for hull in tried)
+            home = min(float(drawn.gap_to(capsules[i], hull)[0]) for i in own for hull in tried)
             best = max(best, (home, own, tried), key=lambda side: side[0])
         _, own, tried = best
         unseparated += [] if own else those[:1]
@@ -195,7 +202,10 @@ class _Drawn:
 
     def touch(self, i: int, j: int, draw: int) -> bool:
         """Return true if the shapes of the links of two capsules touch in a configuration."""
-        one, two = self.capsules[i].body, self.capsules[j].body
+        return self.bodies_touch(self.capsules[i].body, self.capsules[j].body, draw)
+
+    def bodies_touch(self, one: int, two: int, draw: int) -> bool:
+        """Return true if the shapes of two bodies touch in a configuration."""
         first, second = ((self.places[b][0][draw], self.places[b][1][draw]) for b in (one, two))
         return bool(self.shapes.touch(one, two, first, second))
 
@@ -206,12 +216,28 @@ class _Drawn:
             self._hulls[body] = self.shapes.hulls(body, self.capsules[i].link)
         return self._hulls[body]
 
-    def hull_gap(self, i: int, hull: LinkHull) -> Vec:
-        """Distances between a capsule and a hull [m]."""
+    def meeting(self, one: LinkHull, two: LinkHull, draws: Index) -> list[tuple[LinkCapsule, LinkHull]]:
+        """Edges of two hulls that are nearest to the other in some configurations, with it."""
+        from . import hull_distances
+
+        found = list[tuple[LinkCapsule, LinkHull]]()
+        points = hull_distances.witnesses(one, self._poses(one, draws), two, self._poses(two, draws))
+        for own, other, at in zip((one, two), (two, one), points, strict=True):
+            edges = own.edges
+            a, b = (np.array([getattr(edge, end) for edge in edges])[:, None] for end in "ab")
+            nearest = np.linalg.norm(_off(at, a, b), axis=2).argmin(axis=0)
+            found += [(edges[k], other) for k in np.unique(nearest).tolist()]
+        return found
+
+    def gap_to(self, own: LinkCapsule | LinkHull, hull: LinkHull, draws: Any = slice(None)) -> Vec:
+        """Distances between a capsule or a hull and a hull [m]."""
         from . import hull_distances  # coal comes with Pinocchio, but takes its time to import
 
-        own = self.capsules[i]
-        return hull_distances.between(own, self.places[own.body], hull, self.places[hull.body])
+        return hull_distances.between(own, self._poses(own, draws), hull, self._poses(hull, draws))
+
+    def _poses(self, shape: LinkCapsule | LinkHull, draws: Any) -> tuple[Mat, Mat]:
+        position, rotation = self.places[shape.body]
+        return position[draws], rotation[draws]
 
     def shaped(self, i: int, j: int) -> bool:
         return self.capsules[i].fitted and self.capsules[j].fitted
@@ -252,44 +278,104 @@ class _Drawn:
         return any(self.touch(*pairs[0], n) for n in tried)
 
 
+class _Side(NamedTuple):
+    """Rows of a link's capsules or edges to hulls of another: number of configurations that they exclude, share of
+    those in which the shapes touch, and the rows that are needed."""
+
+    excluded: int
+    touching: float
+    rows: list[tuple[LinkCapsule, LinkHull]]
+
+
 class _Closer:
-    """Pairs of a capsule and a hull of the other link, for links that their capsules do not keep apart."""
+    """Pairs of a capsule or an edge and a hull of the other link, for links that their capsules do not keep apart."""
 
     def __init__(self, drawn: _Drawn, clearance: float) -> None:
         self.hulls: list[LinkHull] = []
+        self.edges: list[LinkCapsule] = []
         self.pairs: list[Pair] = []
         self._drawn, self._clearance = drawn, clearance
 
     def take(self, pairs: list[Pair]) -> bool:
         """Take the hulls of the link that excludes fewer configurations; return false if neither is apart at home."""
-        one, two = _sides(self._drawn.capsules, pairs)
-        found = [side for side in (self._side(one, two), self._side(two, one)) if side is not None]
-        for i, hull in min(found, key=lambda side: side[0])[1] if found else ():
+        drawn, every = self._drawn, self._drawn.capsules
+        both = _sides(every, pairs)
+        found = [self._side(both[k], drawn.hulls(both[1 - k][0])) for k in (0, 1)]
+        if not any(side.touching >= MOST for side in found if side):
+            found.append(self._edges(*both))
+        best = min((side for side in found if side), key=lambda side: side.excluded, default=None)
+        for own, hull in best.rows if best else ():
+            if own not in every and own not in self.edges:
+                self.edges.append(own)
             if hull not in self.hulls:
                 self.hulls.append(hull)
-            self.pairs.append((i, self.hulls.index(hull)))
-        return bool(found)
+            number = every.index(own) if own in every else len(every) + self.edges.index(own)
+            self.pairs.append((number, self.hulls.index(hull)))
+        return best is not None
 
-    def _side(self, capsules: list[int], others: list[int]) -> tuple[int, list[tuple[int, LinkHull]]] | None:
-        """Number of excluded configurations, and capsules with hulls of the link of ``others`` that exclude them."""
-        drawn = self._drawn
-        excluded: list[tuple[Mask, int, LinkHull]] = []
-        for hull in drawn.hulls(others[0]):
-            for i in capsules:
-                gap = drawn.hull_gap(i, hull)
+    def _side(self, own: list[int], hulls: tuple[LinkHull, ...]) -> _Side | None:
+        """Rows of a link's capsules to the hulls of another; None if they overlap at home or are needless."""
+        rows: list[_Row] = []
+        for hull in hulls:
+            for capsule in (self._drawn.capsules[k] for k in own):
+                gap = self._drawn.gap_to(capsule, hull)
                 if not gap[0] > 0.0:
                     return None
-                excluded.append((gap < kept(self._clearance, float(gap[0])), i, hull))
-        near, used = np.zeros(DRAWS + 1, dtype=bool), []
-        for more, i, hull in sorted(excluded, key=lambda one: -int(one[0].sum())):
-            if (more & ~near).any():
-                used.append((i, hull))
-            near |= more
+                rows.append((gap < kept(self._clearance, float(gap[0])), capsule, hull))
+        return self._judged(rows)
+
+    def _edges(self, own: list[int], others: list[int]) -> _Side | None:
+        """Rows of edges of the hulls of two links, each to a hull of the other link.
+
+        None if they overlap at home, or exclude mostly configurations with shapes apart, too.
+        """
+        drawn, rows = self._drawn, list[_Row]()
+        for one in drawn.hulls(own[0]):
+            for two in drawn.hulls(others[0]):
+                gap = drawn.gap_to(one, two)
+                if not gap[0] > 0.0:
+                    return None
+                near = np.flatnonzero(gap < kept(self._clearance, float(gap[0])))
+                for edge, hull in drawn.meeting(one, two, near):
+                    draws, excludes = np.concatenate(([0], near)), np.zeros(DRAWS + 1, dtype=bool)
+                    gap = drawn.gap_to(edge, hull, draws)
+                    excludes[draws] = gap < kept(self._clearance, float(gap[0]))
+                    rows.append((excludes, edge, hull))
+        side = self._judged(rows) if rows else None
+        return side if side and side.touching >= MOST else None
+
+    def _judged(self, rows: list[_Row]) -> _Side | None:
+        """The rows of a side that are needed; None if their shapes touch too rarely."""
+        needed, near = _needed(rows)
         tried = np.flatnonzero(near)[:EVIDENCE].tolist()
-        touching = float(np.mean([drawn.touch(capsules[0], others[0], n) for n in tried])) if tried else 0.0
+        touching = float(np.mean([self._drawn.bodies_touch(*_ends(rows[0]), n) for n in tried])) if tried else 0.0
         if not touching or (touching < MOST and needless(int(near.sum()), touching)):
             return None
-        return int(near.sum()), used
+        return _Side(int(near.sum()), touching, needed)
+
+
+def _ends(row: _Row) -> Pair:
+    """Bodies of a row."""
+    return row[1].body, row[2].body
+
+
+def _needed(rows: list[_Row]) -> tuple[list[tuple[LinkCapsule, LinkHull]], Mask]:
+    """Few of some rows, which exclude the configurations that all exclude, and these."""
+    near, used = np.zeros(DRAWS + 1, dtype=bool), []
+    while rows:
+        excluded, own, hull = max(rows, key=lambda row: int((row[0] & ~near).sum()))
+        if not (excluded & ~near).any():
+            break
+        used.append((own, hull))
+        near |= excluded
+    return used, near
+
+
+def _off(p: Mat, a: Mat, b: Mat) -> Mat:
+    """From the nearest points of segments a b ``(k, 1, 3)`` to points ``(n, 3)``: ``(k, n, 3)``."""
+    u = b - a
+    share = np.clip(np.einsum("kni,kni->kn", p - a, u + 0.0 * p) / np.einsum("kni,kni->kn", u, u), 0.0, 1.0)
+    return np.asarray(p - a - share[..., None] * u)
 
 
 def needless(excluded: int, touching: float) -> bool:
