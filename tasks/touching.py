@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +35,7 @@ Key = tuple[Any, ...]
 
 
 class Judged(NamedTuple):
-    """Pairs of capsules, hulls of links and edges of hulls, and pairs of a capsule or edge and a hull, by their numbers.
+    """Pairs of capsules, hulls of links, edges of hulls, and pairs of a capsule or edge and a hull, by their numbers.
 
     Edges are counted after the capsules.  unseparated: pairs of capsules whose links may touch although all rows hold,
     since no hull keeps them apart either.
