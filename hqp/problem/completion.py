@@ -141,8 +141,8 @@ class Choice:
             size = max(size, float(np.linalg.norm(y)))
         self.allowed = SOFTNESS * size * self._lengths * self._sees
         self._broken = self._beyond(value)
-        self._lower = np.where(self._broken, np.minimum(self._lower, value), self._lower)
-        self._upper = np.where(self._broken, np.maximum(self._upper, value), self._upper)
+        self._lower = np.where(self._broken, value, self._lower)
+        self._upper = np.where(self._broken, value, self._upper)
 
     def _beyond(self, value: Vec) -> Mask:
         """Mask of rows that these values violate by more than is allowed."""

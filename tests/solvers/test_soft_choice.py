@@ -97,6 +97,25 @@ def test_a_row_that_the_levels_violate_keeps_its_value(seed: int) -> None:
     assert np.abs(box.slack(found.x)).max() < 1e-6
 
 
+def test_levels_that_conflict_keep_their_residual_under_the_choice() -> None:
+    """The slack of a level is unique: a shorter one would be at the cost of bounds that the choice exceeds by a little.
+
+    Two levels miss their goals under bounds, one by rows that are 1e-6 to 1 from parallel.
+    """
+    solver, n = hqp.solvers.load("lexicographic"), 6
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        A, B, F = (rng.normal(size=(m, n)) for m in (2, 2, 1))
+        A[1] = A[0] * rng.choice([-1.0, 1.0]) + 10.0 ** rng.uniform(-6.0, 0.0) * rng.normal(size=n)
+        levels = [Rows(Selection(np.arange(n)), -np.ones(n), np.ones(n))]
+        levels += [Rows(M, goal := 10.0 * rng.normal(size=2), goal) for M in (A, B)]
+        problem = Hierarchy(tuple(levels), constraints=3, metric=F.T @ F)
+        alone = solver.solve(replace(problem, metric=None, stacked=None))
+        for x in ((found := solver.solve(problem)).x, chosen(problem, found.x)):
+            off = [np.abs(rows.slack(x) - rows.slack(alone.x)).max() for rows in levels[1:]]
+            assert max(off) < 1e-8, seed
+
+
 def test_a_level_that_sees_a_direction_decides_it() -> None:
     problem, Z = wedge(0)
     ask = Rows(Z.T, np.array([0.3, -0.2, 0.1]), np.array([0.3, -0.2, 0.1]))

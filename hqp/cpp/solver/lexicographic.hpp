@@ -43,6 +43,7 @@ class Lexicographic final : public Kernel {
     if (answer.hard) std::copy(x_.begin(), x_.end(), answer.hard);
     const bool ended = answer.outcome <= Outcome::rank_uncertain;
     const bool chosen = ended && choice_.take(problem, options.softness, x_.data());
+    if (chosen && choice_.unclear()) answer.outcome = Outcome::rank_uncertain;
     const double* values = state_.values();
     if (chosen) state_.problem.table.product(x_.data(), state_.point.v), values = state_.point.v;
     state_.point.current = state_.point.current && !chosen;

@@ -66,6 +66,9 @@ class SoftChoice {
     return true;
   }
 
+  // True if the levels violate a row by no more than the choice may: the answer does not show which of them does.
+  bool unclear() const { return unclear_; }
+
   // By how much each row of the constraints may be exceeded after take(); null if by nothing.
   const double* allowed() {
     if (!free_) return nullptr;
@@ -192,6 +195,7 @@ class SoftChoice {
   // violated by more than `most`, by which a soft one may be, keeps its value.
   void gather(const Problem& problem, double softness, double most, bool hard, const double* x) {
     read_ = 0;
+    unclear_ = false;
     rows_.begin(free_);
     const double size = std::sqrt(dot_any(x, x, n_) + dot_any(rows_.z(), rows_.z(), free_));
     for_each(problem, 0, problem.constraints, [&](const double* a, double low, double high) {
@@ -203,8 +207,10 @@ class SoftChoice {
       const double off = value > high ? value - high : value < low ? value - low : 0.0;
       double soft = hard ? smaller(softness, SoftRows::kHard) : entries(a) == 1 ? kSingle * softness : softness;
       const double bound = std::fabs(off > 0.0 ? high : low);
-      if (std::fabs(off) > kViolated * (1.0 + bound) + (most + kMet * size) * length) {
-        (off > 0.0 ? high : low) = value;
+      const double past = std::fabs(off) - kViolated * (1.0 + bound) - kMet * size * length;
+      unclear_ = unclear_ || (past > 0.0 && !(past > most * length));
+      if (past > most * length) {
+        low = high = value;
         soft = smaller(softness, SoftRows::kHard);
       }
       rows_.add(base / length, low / length, high / length, soft, length);
@@ -215,7 +221,8 @@ class SoftChoice {
 
   int n_, free_ = 0, read_ = 0;
   bool found_ = false;  // Z is that of the present problem
-  double most_ = 0.0;   // by how much a row of unit length may be exceeded
+  bool unclear_ = false;
+  double most_ = 0.0;  // by how much a row of unit length may be exceeded
   std::vector<double> root_, Z_, other_, seen_, left_, own_, start_, a_, rooms_, allowed_;
   std::vector<int> pivots_;
   SoftRows rows_;
