@@ -1,11 +1,12 @@
-"""A filter behind a policy: targets that cross the hands, leave ranges or are NaN, on G1's joint servos."""
+"""A filter behind a policy: targets that cross the hands, leave ranges or are NaN, on the servos of a hoisted G1."""
 
 import numpy as np
+import pinocchio as pin
 
 import hqp
 from hqp.tasks import CollisionAvoidance
 
-robot, dt = hqp.robots.load("g1"), 0.002
+robot, dt = hqp.robots.load("g1", floating=False), 0.002
 hands = (("left_wrist_yaw_link", "right_wrist_yaw_link"),)
 guard = hqp.PolicyFilter(kp=60.0, kd=2.0, collision=CollisionAvoidance(pairs=hands))
 session, servos = guard.session(robot, dt, max_age=0.02), guard.servos(robot, dt)
@@ -24,7 +25,9 @@ def policy(t):
     return target
 
 
-q, v, own = robot.home.copy(), np.zeros(robot.nv), robot.actuated
+model, q, v = pin.Model(robot.model), robot.home.copy(), np.zeros(robot.nv)
+model.armature = model.armature + servos.stiffening  # servos act within the period
+data = model.createData()
 for k in range(1500):
     now = k * dt
     tick = session.step(robot.state(q, v, time=now), policy(now), now=now)
@@ -32,5 +35,6 @@ for k in range(1500):
         least = min((n.distance for n in guard.collision.near(robot.state(q)) if n is not None), default=np.inf)
         limited = {name: round(change, 2) for name, change in tick.limited.items()}
         print(f"{k * dt:3.1f} s: hands {least:.3f} m apart (inf: far), limited: {limited or 'nobody'}")
-    v[own] = servos.velocity(tick.command, robot.state(q).angles[own], v[own])  # the drives
-    q = robot.integrate(q, v, dt)
+    tau = servos.torque(tick.command, q + dt * v, v)
+    v = v + dt * pin.aba(model, data, q, v, tau)
+    q = pin.integrate(model, q, dt * v)

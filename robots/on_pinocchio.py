@@ -122,6 +122,7 @@ class Robot:
     def _begin(self) -> None:
         """Data of its own, with nothing read of it yet."""
         self.data: Any = pin.Data(self.model)
+        self._spare: Any = None
         self._measure: Callable[[Vec, Vec], tuple[float, bool] | None] = measure(self._units, self.nq, self.nv)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
@@ -405,6 +406,13 @@ class Robot:
     def past(self, q: Vec, v: Vec | None = None) -> State:
         """The state (q, v), for its numbers: the robot stays where it is."""
         return State(self, q, v)
+
+    @property
+    def spare(self) -> Any:
+        """Pinocchio's data for results that do not belong to the current state."""
+        if self._spare is None:
+            self._spare = pin.Data(self.model)
+        return self._spare
 
     def integrate(self, q: Vec, v: Vec, dt: float) -> Vec:
         """The configuration after moving with velocity v for dt [s]."""

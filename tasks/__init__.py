@@ -22,7 +22,7 @@ from .frozen import Frozen
 from .holding_torque import HoldingTorque
 from .limits import JointLimits
 from .load_share import LoadShare
-from .loads import ExternalWrench, Payload
+from .loads import ExternalWrench, JointLoad, NominalTorque, Payload
 from .manipulability import Manipulability
 from .motion import BaseVelocityLimits, Damping, JointVelocity, LowAcceleration, Momentum
 from .motors import TorqueLimits, TorqueSpeedLimits
@@ -63,6 +63,7 @@ __all__ = [
     "Impedance",
     "JointCoupling",
     "JointLimits",
+    "JointLoad",
     "JointTorque",
     "JointVelocity",
     "LoadShare",
@@ -70,6 +71,7 @@ __all__ = [
     "LowAcceleration",
     "Manipulability",
     "Momentum",
+    "NominalTorque",
     "OmniWheelContact",
     "Orientation",
     "Payload",

@@ -37,8 +37,8 @@ class CollisionAvoidance(Inequality):
     near the clearance at the rate: a = rate h.  Inside, a pair alone comes out at b = min(rate |h|,
     recovery).  Several may exclude each other: among those with a common body or shape the deepest, at H, comes out so,
     at b(H), and the others at b(h) = b(H) - rate (h - H) / 2, not above rate |h| nor below -rate |h|.  For
-    accelerations, J a >= -4 rate (a(h) + J v) - a'(h) J v - dJ/dt v with the rate at which the nearest points slide:
-    poles at twice the rate (capsules side by side slide from end to end at once: this counts with a bound).  Pairs have
+    accelerations, J a >= -approach (a(h) + J v) - a'(h) J v - dJ/dt v with the rate at which the nearest points slide
+    (capsules side by side slide from end to end at once: this counts with a bound).  Pairs have
     a row within the influence, and beyond it if they close at more than a(h) / 3, so that rows of fast links come in
     without a jump.  d is between the robot's capsules (``robot.capsules``, of moving links) and
     those of its other links, or the shapes of ``world``, such as a fixed base.
@@ -53,9 +53,10 @@ class CollisionAvoidance(Inequality):
     the convex hulls of the shapes of one of them take their place; if these overlap too, capsules of "auto" may overlap
     by 1 mm more than at home, and names of links that all overlap are refused.  influence [m]: largest d at which a
     slow pair has a row, above the clearance.  rate [1/s].  braking [m/s^2]: deceleration of a distance that links can
-    provide.  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets
-    in, rate * recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while
-    it is near, and those with the least h less braking distance have one); by default 64 more than at home.
+    provide.  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets in, rate *
+    recovery by default.  approach [1/s]: rate at which accelerations lead to a(h), 4 rate by default.  slots: rows, the
+    most pairs that are near at once (a pair keeps its row while it is near, and those with the least h less braking
+    distance have one); by default 64 more than at home.
     Capsules side by side have rows for their ends as well, which fade out from 10 to 20 degrees.  In ``subject_to``
     rows stand below contacts and joint limits, so that a pair that cannot be kept apart does not cost the feet; in
     a level they are kept if its priority allows.  Raises DeclarationError for fields and for pairs that name
@@ -73,6 +74,7 @@ class CollisionAvoidance(Inequality):
     braking: float = 10.0
     recovery: float = 0.1
     acceleration: float | None = None
+    approach: float | None = None
     slots: int = 0
 
     def __post_init__(self) -> None:
@@ -93,6 +95,8 @@ class CollisionAvoidance(Inequality):
         check_number(self, "influence", self.influence, self.clearance, strict=True)
         if self.acceleration is not None and self.acceleration != math.inf:
             check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
+        if self.approach is not None:
+            check_number(self, "approach", self.approach, 0.0, strict=True)
         if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
             raise self.invalid("slots", self.slots, "a whole number, 0 for the number of pairs that can be near")
 
@@ -188,11 +192,16 @@ class CollisionAvoidance(Inequality):
         """The acceleration with which a way out sets in [m/s^2]."""
         return self.rate * self.recovery if self.acceleration is None else self.acceleration
 
+    @property
+    def fast(self) -> float:
+        """The rate at which accelerations lead to a(h) [1/s]."""
+        return 4.0 * self.rate if self.approach is None else self.approach
+
     def least_rate(self, found: Near, speed: float, dt: float) -> float:
         """-a(h) of one pair: the least rate of its distance [m/s], which changes at ``speed`` now."""
         h = found.distance - found.clearance
         if h < 0.0:
-            most = speed + dt * self.outset + min(1.0, 5.0 * dt * self.rate) * max(-speed, 0.0)
+            most = speed + dt * self.outset + min(1.0, dt * (self.fast + self.rate)) * max(-speed, 0.0)
             return min(self._back(found)[0], most) - self._loose(found)
         return -self.closing(h)[0] - self._loose(found)
 
@@ -227,11 +236,11 @@ class CollisionAvoidance(Inequality):
 
     def least_acceleration(self, found: Near, speed: float) -> float:
         """The least acceleration of one pair's distance [m/s^2], before the drift."""
-        h, fast = found.distance - found.clearance, 4.0 * self.rate
+        h, fast = found.distance - found.clearance, self.fast
         if h < 0.0:
             back, deepest = self._back(found)
             least = fast * (back - speed) - self.rate * (speed - (deepest if deepest >= self.recovery else 0.0))
-            return min(least, self.outset + 5.0 * self.rate * max(-speed, 0.0)) - fast * self._loose(found)
+            return min(least, self.outset + (fast + self.rate) * max(-speed, 0.0)) - fast * self._loose(found)
         most, slope = self.closing(h)
         return -slope * speed - fast * (most + speed + self._loose(found))
 
@@ -263,5 +272,5 @@ class CollisionAvoidance(Inequality):
             return None
         own = scene(self, robot)
         shape = (len(self.world), 6, 4) if self.world else ()
-        rates = self.rate, self.braking, self.recovery, self.outset
+        rates = self.rate, self.braking, self.recovery, self.outset, self.fast
         return plans.Collision(*own.tables(), own.slots, self.influence, *self.curve(), *rates, FORESIGHT, STEP, shape)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -46,7 +47,7 @@ def check_relative(element: Element, relative_to: object, heading: object = Fals
 
 def check_number(element: Element, what: str, value: Any, low: float = -math.inf, *, strict: bool = False) -> None:
     """Raise DeclarationError unless ``value`` is a finite number, at least ``low`` (above it if strict)."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not number or value < low or (strict and value <= low):
         bound = "" if low == -math.inf else f" {'above' if strict else 'at least'} {low:g}"
         raise element.invalid(what, value, f"a finite number{bound}")

@@ -1,31 +1,45 @@
-"""Known forces on the robot besides its contacts: wrenches from outside, things it carries."""
+"""Known forces on the robot besides its contacts: wrenches from outside, things it carries, loads of joints."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.declare import plans
 from hqp.declare.element import Element, Quantity
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Load, Robot, State
 
-from .fields import check_frame, check_number, set_vector
+from .fields import check_frame, check_number, joint_columns, set_names, set_vector
 from .relative import skew
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Load(Element):
-    """A term of the equation of motion at a frame; no rows.  It belongs into ``subject_to``."""
+    """A term of the equation of motion; no rows.  It belongs into ``subject_to``."""
 
     quantity: ClassVar[Quantity] = "load"
     is_mass: ClassVar[bool] = False
     """True if it changes centres of mass, so that it affects controllers of velocities and accelerations."""
+
+    def carried(self, reference: Vec) -> Load | None:
+        """The point mass on the robot, None for a load that has none."""
+        return None
+
+    @abstractmethod
+    def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
+        """Contributions to A ``(nv, nv)`` (None for nothing), to b + g and to g, ``(nv,)`` each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FrameLoad(_Load):
+    """A load at a frame."""
 
     frame: str
 
@@ -38,17 +52,9 @@ class _Load(Element):
         robot.frame(self.frame)
         return 0
 
-    def carried(self, reference: Vec) -> Load | None:
-        """The point mass on the robot, None for a load that has none."""
-        return None
-
-    @abstractmethod
-    def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
-        """Contributions to A ``(nv, nv)`` (None for nothing), to b + g and to g, ``(nv,)`` each."""
-
 
 @dataclass(frozen=True, kw_only=True)
-class ExternalWrench(_Load):
+class ExternalWrench(_FrameLoad):
     """A wrench w on a frame from outside, measured or known: A qdd + b + g = U^T tau + J_c^T f + J^T w.
 
     ``at(wrench)`` sets it each tick, force and moment ``(6,)`` [N, N m] at the frame's origin, zero without: in world
@@ -93,7 +99,7 @@ class ExternalWrench(_Load):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Payload(_Load):
+class Payload(_FrameLoad):
     """A point mass m carried at a point of a frame: A + m J_p^T J_p, b + g + m J_p^T (dJ_p/dt v - gravity).
 
     ``at(mass, com)`` sets the mass [kg] and the centre ``(3,)`` [m] in the frame's axes for one tick; the fields mass
@@ -146,3 +152,103 @@ class Payload(_Load):
     def plan(self, robot: Robot) -> plans.Payload:
         """The native operation."""
         return plans.Payload(plans.frame(robot, self.frame))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointLoad(_Load):
+    """Torques d of joints beside their motors, and inertias I of their drives: A + S^T diag(I) S, b + g - S^T d,
+
+    S picks the joints: friction, springs, estimated contacts, and servos whose torque falls by I qdd within a tick.
+
+    ``at(torque)`` sets d for one tick ``(k,)`` [N m, N], zero without.  joints: joints or groups, the actuated ones by
+    default.  inertia: one number for all joints or one for each, at least 0 [kg m^2, kg].  The dynamics, gravity
+    compensation and the command at rest include d.  In ``subject_to`` of a torque controller.
+    Raises DeclarationError for fields, JointNotFound on binding.
+    """
+
+    joints: str | Sequence[str] | None = None
+    inertia: float | Sequence[float] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_names(self, "joints")
+        for inertia in self.inertia if isinstance(self.inertia, (list, tuple)) else [self.inertia]:
+            check_number(self, "inertia", inertia, 0.0)
+        if isinstance(self.inertia, list):
+            object.__setattr__(self, "inertia", tuple(self.inertia))
+
+    def default_name(self) -> str:
+        """``joint_load``."""
+        return "joint_load"
+
+    def rows(self, robot: Robot) -> int:
+        """None; raises JointNotFound, DeclarationError."""
+        self.inertias(robot)
+        return 0
+
+    def inertias(self, robot: Robot) -> tuple[Index, Vec]:
+        """(tangent coordinates, inertias) of the joints, ``(k,)`` each; raises DeclarationError for another number."""
+        columns = joint_columns(self, robot, self.joints)
+        given = np.atleast_1d(np.asarray(self.inertia, dtype=np.float64))
+        if given.size not in (1, columns.size):
+            raise self.invalid("inertia", self.inertia, f"one number, or {columns.size} for {columns.size} joints")
+        return columns, np.broadcast_to(given, columns.shape)
+
+    def hold(self, state: State) -> Reference:
+        """No torque."""
+        return Reference(self.name, np.zeros(self.inertias(state.robot)[0].size))
+
+    def at(self, torque: ArrayLike) -> Reference:
+        """The torques of this tick ``(k,)`` [N m, N]; raises DeclarationError for a value that is not a vector."""
+        return Reference(self.name, numbers(self.name, "torque", torque, (np.size(torque),)))
+
+    def terms(self, state: State, reference: Vec) -> tuple[Mat, Vec, Vec]:
+        """S^T diag(I) S, -S^T d, -S^T d."""
+        columns, inertia = self.inertias(state.robot)
+        A, force = np.zeros((state.robot.nv, state.robot.nv)), np.zeros(state.robot.nv)
+        A[columns, columns] = inertia
+        force[columns] = -reference
+        return A, force, force
+
+    def plan(self, robot: Robot) -> plans.JointLoad:
+        """The native operation."""
+        columns, inertia = self.inertias(robot)
+        return plans.JointLoad(tuple(map(int, columns)), tuple(map(float, inertia)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NominalTorque(_Load):
+    """The torque to which the command is nearest in directions that no level determines:
+
+        min (tau - tau_n)^T Phi (tau - tau_n),   Phi the inverse of the inertia that the motors feel,
+
+    so that constraints change tau_n as forces of contacts would (Gauss's principle of least constraint): a joint at its
+    limit changes its own motor's torque alone.  ``at(tau)`` sets tau_n ``(n,)`` [N m] in the order of
+    ``robot.joint_names``, zero without.  One in ``subject_to`` of a torque controller with ``price=0``, in place of
+    ``gravity_compensation``.
+    """
+
+    def default_name(self) -> str:
+        """``nominal_torque``."""
+        return "nominal_torque"
+
+    def rows(self, robot: Robot) -> int:
+        """None."""
+        return 0
+
+    def hold(self, state: State) -> Reference:
+        """No torque."""
+        return Reference(self.name, np.zeros(state.robot.actuated.size))
+
+    def at(self, torque: ArrayLike) -> Reference:
+        """The torques of this tick ``(n,)`` [N m, N]; raises DeclarationError for a value that is not a vector."""
+        return Reference(self.name, numbers(self.name, "torque", torque, (np.size(torque),)))
+
+    def terms(self, state: State, reference: Vec) -> tuple[None, Vec, Vec]:
+        """Nothing: it is no force."""
+        nothing = np.zeros(state.robot.nv)
+        return None, nothing, nothing
+
+    def plan(self, robot: Robot) -> plans.NominalTorque:
+        """The native operation."""
+        return plans.NominalTorque((robot.actuated.size,))

@@ -1,4 +1,4 @@
-"""The filter behind a policy: time of a tick on G1, and hostile commands on three robots with limits judged outside."""
+"""The filter behind a policy: time of a tick on G1, and hostile commands on five robots with limits judged outside."""
 
 from __future__ import annotations
 
@@ -20,11 +20,9 @@ from benchmarks.reports import report
 from hqp.robots import Robot
 from hqp.tasks import CollisionAvoidance
 from hqp.tasks.collision_scene import scene
-from tests.scenes.hostile import DT, KINDS, Coupled, Plant, hostile
+from tests.scenes.hostile import DT, KINDS, Plant, hostile
 
-ROBOTS = ("g1", "anymal", "ur5")
-ARMS = ("ur5", "xarm7", "kinova")
-"""Robots whose joints pull each other along, under gravity."""
+ROBOTS = ("g1", "anymal", "ur5", "xarm7", "kinova")
 MARK, END = "<!-- tables: python -m benchmarks filter --page docs/policy-filter.md -->", "<!-- end -->"
 """Marks in the page around the generated tables."""
 CLEARANCE = 0.01
@@ -51,19 +49,16 @@ def run(arguments: argparse.Namespace) -> int:
         )
         ticks = 3000 if arguments.quick else arguments.ticks
         found = [_hostile(name, kind, ticks // len(KINDS)) for name in ROBOTS for kind in KINDS]
-        arms = [_hostile(name, "torques", ticks // len(KINDS), own) for name in ARMS for own in (False, True)]
-    rows = [report.table(HEADER, [one.row() for one in every]) for every in (found, arms)]
-    text = "\n".join((times, *rows))
-    found += [one for one in arms if one.kind == "torques, coupled"]
+    text = "\n".join((times, report.table(HEADER, [one.row() for one in found])))
     report.section(arguments.output, "filter", text)
     if arguments.page is not None:
         report.into_page(arguments.page, MARK, text, END)
     return int(any(one.over > 1e-6 or one.fast > 1.0 + 1e-6 or one.torque > 1.0 + 1e-6 for one in found))
 
 
-def _declared(kind: str, collision: CollisionAvoidance | None, coupled: bool = False) -> hqp.PolicyFilter:
+def _declared(kind: str, collision: CollisionAvoidance | None) -> hqp.PolicyFilter:
     gains: dict[str, Any] = {"kp": 60.0, "kd": 2.0} if kind == "positions" else {}
-    return hqp.PolicyFilter(command=kind, collision=collision, coupled=coupled, **gains)  # type: ignore[arg-type]
+    return hqp.PolicyFilter(command=kind, collision=collision, **gains)  # type: ignore[arg-type]
 
 
 def _times(ticks: int) -> Iterator[tuple[str, ...]]:
@@ -138,13 +133,13 @@ class Hostile:
         )  # fmt: skip
 
 
-def _hostile(name: str, kind: str, ticks: int, coupled: bool | None = None) -> Hostile:
-    """Run hostile commands; coupled: option of the filter, on an arm under gravity; None for joints that move alone."""
+def _hostile(name: str, kind: str, ticks: int) -> Hostile:
+    """Run hostile commands."""
     robot, rng = hqp.robots.load(name), np.random.default_rng(0)
     collision = CollisionAvoidance(clearance=CLEARANCE)
-    session = _declared(kind, collision, coupled is True).session(robot, DT, deadline=math.inf)
-    plant, own = (Plant if coupled is None else Coupled)(robot, kind, session), robot.actuated
-    found = Hostile(name, kind if coupled is None else f"{kind}, {'coupled' if coupled else 'not coupled'}", ticks)
+    session = _declared(kind, collision).session(robot, DT, deadline=math.inf)
+    plant, own = Plant(robot, kind, session), robot.actuated
+    found = Hostile(name, kind, ticks)
     judge, servos = Shapes(robot, collision), plant.servos
     for i in range(ticks):
         angles, v = robot.state(plant.q).angles[own], plant.v[own]
@@ -152,7 +147,7 @@ def _hostile(name: str, kind: str, ticks: int, coupled: bool | None = None) -> H
         found.changed += bool(tick.limited)
         found.unsolved += not tick.tick.status.solved
         if kind != "velocities":
-            tau = tick.command if kind == "torques" else servos.kp * (tick.command - angles) - servos.kd * v
+            tau = tick.command if kind == "torques" else servos.torque(tick.command, angles, v)
             found.torque = max(found.torque, float((np.abs(tau) / servos.effort).max()))
         plant.move(tick.command)
         angles = robot.state(plant.q).angles[own]

@@ -60,6 +60,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "Impedance": lambda: (t.Impedance(frame=HAND, stiffness=(300.0, 300.0, 0.0), damping=60.0),),
     "JointCoupling": lambda: (t.JointCoupling({"R_EB": 1.0, "L_EB": -1.0}),),
     "JointLimits": lambda: (t.JointLimits(),),
+    "JointLoad": lambda: (t.JointLoad(joints=["R_EB"], inertia=0.1),),
     "JointTorque": lambda: (t.JointTorque(),),
     "JointVelocity": lambda: (t.JointVelocity(),),
     "LoadShare": lambda: (t.LoadShare(contacts=FEET),),
@@ -67,6 +68,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "LowAcceleration": lambda: (t.LowAcceleration(),),
     "Manipulability": lambda: (t.Manipulability(frame=HAND),),
     "Momentum": lambda: (t.Momentum(),),
+    "NominalTorque": lambda: (t.NominalTorque(),),
     "OmniWheelContact": lambda: (t.OmniWheelContact(wheel="l_palm", radius=0.1, axle=(0.0, 1.0, 0.0)),),
     "Orientation": lambda: (t.Orientation(frame=HAND),),
     "Payload": lambda: (t.Payload(frame=HAND),),
@@ -88,6 +90,8 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
 HELD = (
     "ExternalWrench",
     "Payload",
+    "JointLoad",
+    "NominalTorque",
     "Frozen",
     "PrescribedMotion",
     "JointLimits",
@@ -96,6 +100,8 @@ HELD = (
     "ForceLimits",
 )
 """Elements that belong into ``subject_to``."""
+EXACT = ("NominalTorque",)
+"""Elements of controllers without a price."""
 CONTACTS = (
     "EdgeContact",
     "FixedContact",
@@ -208,7 +214,9 @@ def works(name: str, formulation: str) -> bool:
     if not any(isinstance(e, t.Posture) for e in elements):
         levels.append(Level(t.Posture(name="posture"), name="posture"))
     try:
-        controller = hqp.Controller(Stack(*levels, subject_to=hard), FORMULATIONS[formulation](), deadline=math.inf)
+        price = 0 if name in EXACT else None
+        stack = Stack(*levels, subject_to=hard)
+        controller = hqp.Controller(stack, FORMULATIONS[formulation](), deadline=math.inf, price=price)
         session = controller.session(robot, 0.002)
     except DeclarationError:
         return False

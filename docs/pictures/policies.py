@@ -50,16 +50,18 @@ def upper_body(path: Path = FIGURES / "upper_body.webp") -> Path:
 
 def guard(path: Path = FIGURES / "policy_filter.webp") -> Path:
     """Targets that cross the arms, beside the joints that the filter lets move."""
-    robot, dt = hqp.robots.load("g1"), 0.002
+    robot, dt = hqp.robots.load("g1", floating=False), 0.002
     declared = hqp.PolicyFilter(kp=60.0, kd=2.0, collision=CollisionAvoidance())
     session, servos = (
         declared.session(robot, dt, deadline=math.inf),
         declared.servos(robot, dt),
     )
-    names, own = robot.joint_names, robot.actuated
-    home = robot.state(robot.home).angles[own]
+    names, home = robot.joint_names, robot.home
     studio = Studio(robot, SIZE, azimuth=150.0, elevation=-12.0)
     shown, q, v = [], robot.home.copy(), np.zeros(robot.nv)
+    model = pin.Model(robot.model)
+    model.armature = model.armature + servos.stiffening
+    data = model.createData()
     for k in range(round(6.0 / dt)):
         target, wave = home.copy(), math.sin(math.pi * k * dt / 3.0) ** 2
         for side, sign in (("left", -1.0), ("right", 1.0)):
@@ -67,7 +69,6 @@ def guard(path: Path = FIGURES / "policy_filter.webp") -> Path:
             target[names.index(f"{side}_elbow_joint")] += 0.6 * wave
             target[names.index(f"{side}_shoulder_pitch_joint")] -= 0.7 * wave
         tick = session.tick(q, v, target)
-        angles = robot.state(q).angles[own]
         if k % round(1.0 / (FPS * dt)) == 0:
             active = len(tick.limited) > 0
             text = f"{len(tick.limited)} joints limited" if active else "targets pass"
@@ -79,8 +80,9 @@ def guard(path: Path = FIGURES / "policy_filter.webp") -> Path:
                     ORANGE if active else GREEN,
                 )
             )
-        v[own] = servos.velocity(tick.command, angles, v[own])
-        q = pin.integrate(robot.model, q, v * dt)
+        tau = servos.torque(tick.command, q + dt * v, v)
+        v = v + dt * pin.aba(model, data, q, v, tau)
+        q = pin.integrate(model, q, v * dt)
     return save(shown, path)
 
 

@@ -218,6 +218,7 @@ class Collision:
     braking: float
     recovery: float
     outset: float
+    approach: float
     foresight: float
     step: float
     shape: tuple[int, ...]
@@ -423,6 +424,22 @@ class ExternalWrench:
 
 
 @dataclass(frozen=True, eq=False)
+class JointLoad(_Counted):
+    """A torque ``(k,)``, the value, and an inertia for each of these coordinates."""
+
+    counted = "columns"
+    columns: tuple[int, ...]
+    inertia: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class NominalTorque:
+    """A torque of each motor, the value."""
+
+    shape: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class KineticEnergy(_Counted):
     """L^T of the joint-space inertia L L^T ``(nv, nv)``; the reference, zero, is not read.
 
@@ -437,7 +454,8 @@ class KineticEnergy(_Counted):
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Hinge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
     | Still | Steady | Prescribed | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
-    | Balance | HoldingTorque | Momentum | KineticEnergy | FrameSpeed | Payload | ExternalWrench
+    | Balance | HoldingTorque | Momentum | KineticEnergy | FrameSpeed | Payload | ExternalWrench | JointLoad
+    | NominalTorque
 )  # fmt: skip
 
 

@@ -381,6 +381,10 @@ class State(Protocol):
         """Joint-space inertia A, ``(nv, nv)``, symmetric."""
         ...
 
+    def inverse_dynamics(self, a: Vec) -> Vec:
+        """Generalised forces A a + b + g for an acceleration ``(nv,)`` [N m, N], also of a state that is stale."""
+        ...
+
     def bias_force(self) -> Vec:
         """b + g: Coriolis, centrifugal and gravity forces, ``(nv,)``."""
         ...

@@ -13,17 +13,20 @@ from hqp.tasks.limits import home_inertia
 BRAKING = 200.0
 """Largest deceleration of the default limits [rad/s^2, m/s^2]."""
 
-SHARE = 0.8
-"""Share of a motor's torque that its deceleration may take."""
+SHARE = 0.1
+"""Share of a motor's torque for its deceleration: it also bears gravity and the deceleration of other joints."""
+
+APPROACH = 60.0
+"""Rate at which ranges and clearances are approached [1/s]."""
 
 WITHIN, MARGIN = 0.99, 1e-3
-"""Share of the speed limits and way to the ranges [rad, m] that coupled dynamics keep: they change within a tick."""
+"""Share of the speed limits and way to the ranges [rad, m] that dynamics keep, which change within a tick."""
 
 
-def default_limits(robot: Robot, coupled: bool = False) -> tuple[JointLimits, ...]:
-    """Limits of all joints, grouped by b = 200 / 2^k at most 0.8 tau_max / I, the inertia I at home, and by speed.
+def default_limits(robot: Robot, dynamics: bool = False) -> tuple[JointLimits, ...]:
+    """Limits of all joints, grouped by b = 200 / 2^k at most 0.1 tau_max / I, the inertia I at home, and by speed.
 
-    coupled: within ``WITHIN`` of the speed limits, and ``MARGIN`` inside the ranges.
+    dynamics: within ``WITHIN`` of the speed limits, and ``MARGIN`` inside the ranges.
     """
     own = robot.actuated
     with np.errstate(divide="ignore"):
@@ -35,12 +38,12 @@ def default_limits(robot: Robot, coupled: bool = False) -> tuple[JointLimits, ..
     halvings = np.ceil(np.log2(np.maximum(BRAKING / most, 1.0))).astype(int)
     names = [robot.joint_name(int(c)) for c in own]
     top = robot.velocity_limit[own]
-    speeds = np.where(coupled & np.isfinite(top), WITHIN * top, 0.0)  # 0 for that of the robot
+    speeds = np.where(dynamics & np.isfinite(top), WITHIN * top, 0.0)  # 0 for that of the robot
     groups = list(zip(halvings.tolist(), speeds.tolist(), strict=True))
     return tuple(
         JointLimits(
             joints=[name for name, group in zip(names, groups, strict=True) if group == (k, speed)],
-            acceleration=None, braking=BRAKING / 2.0**k, approach=60.0, speed=speed, margin=MARGIN * coupled,
+            acceleration=None, braking=BRAKING / 2.0**k, approach=APPROACH, speed=speed, margin=MARGIN * dynamics,
             name=f"limits {BRAKING / 2.0**k:g}" + (f" {speed:g}" if speed else ""),
         )
         for k, speed in sorted(set(groups))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,43 +18,55 @@ from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
-from hqp.policies.braking import default_limits
+from hqp.policies.braking import APPROACH, default_limits
 from hqp.policies.servo import Gains, Servos, within
 from hqp.programs.formulation import Velocity
-from hqp.tasks import CollisionAvoidance, JointLimits, JointTorque, JointVelocity, PrescribedMotion, TorqueLimits
+from hqp.tasks import (
+    CollisionAvoidance,
+    JointLimits,
+    JointLoad,
+    JointVelocity,
+    NominalTorque,
+    PrescribedMotion,
+    TorqueLimits,
+)
 from hqp.torque import Torque
 
 Command = Literal["positions", "velocities", "torques"]
+
+Measured = State | Sequence[State]
+"""State of one robot, or of each of several."""
 
 FASTEST = 1e6
 """Largest velocity of a policy that is not replaced [rad/s]."""
 
 UNLIMITED = 1e3
-"""Largest remaining torque of a joint without an effort limit, or with a larger one [N m]."""
+"""Largest torque that the model may lack at a joint without an effort limit, or with a larger one [N m]."""
 
 BLEND = 0.1
-"""Share of a new estimate of the remaining torque in a tick."""
+"""Share of a new estimate of the torque that the model lacks, in a tick."""
 
-SLOWING = 0.1
-"""Time constant in which torques lead joints back to the braking motion [s]."""
+ROUNDING = 1e-9
+"""Share of a limit by which a command changes without a constraint at it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyFilter:
-    """The policy's command is the lowest level, limits and distances are constraints above it:
+    """Limits and distances are constraints above the policy's command, which they change as contacts would:
 
-        min |x - v+(command)|    subject to limits, distances, the measured motion of a floating base,
+        min (tau - tau*)^T (A + D)^-1 (tau - tau*)    subject to limits, torque limits, distances, a base as measured,
+        (A + D) qdd + b + g = tau + d,    tau* = kp (q* - q - dt v) - kd v,    D = dt kd + dt^2 kp:
 
-    x the velocity of the actuated joints at the end of the period, v+ the one by the command (``Servos``;
-    for torques kp = kd = 0).  The change of the command moves v+ to x; it is zero if no constraint binds.
+    an implicit step of servos that hold the target q* through the period; the sent target is q* + (tau - tau*) / kp.
+    For torques kp = kd = 0.  d, the torques that the model lacks (contacts, friction, loads, a base's acceleration), is
+    estimated from measured velocities.  By Gauss's principle of least constraint a joint at its limit changes its own
+    command alone.  For velocities min |x - v*| subject to the same without torques.
 
     limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
-    that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None.  kp [N m/rad], kd
-    [N m s/rad]: gains of the servos that take position targets, a number, one for each actuated joint or by name.
+    that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None; for positions and
+    torques ``approach`` is 60 / s unless it has one.  kp [N m/rad], kd [N m s/rad]: gains of the servos that take
+    position targets, a number, one for each actuated joint or by name.
     command: kind of the policy's and the sent command, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
-    coupled: for torques of a robot whose base is fixed, take the whole dynamics and the motors' limits in place of one
-    inertia for each joint: min |tau - command| subject to the same, so that limits hold if a joint pulls others along;
-    it knows no forces from outside.
     Raises DeclarationError for fields.
     """
 
@@ -62,7 +75,6 @@ class PolicyFilter:
     kp: Gains | None = None
     kd: Gains | None = None
     command: Command = "positions"
-    coupled: bool = False
 
     def __post_init__(self) -> None:
         if self.limits is not None and not isinstance(self.limits, JointLimits):
@@ -75,34 +87,38 @@ class PolicyFilter:
             raise DeclarationError(
                 "PolicyFilter", "command", value=self.command, allowed='"positions", "velocities" or "torques"'
             )
-        if self.coupled and self.command != "torques":
-            raise DeclarationError("PolicyFilter", "coupled", value=self.coupled, allowed='True for "torques" alone')
         if (self.kp is None or self.kd is None) and self.command == "positions":
             raise DeclarationError(
                 "PolicyFilter", "kp and kd", value=(self.kp, self.kd), allowed="the gains of the servos, for positions"
             )
 
-    def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
-        """The stack as a controller, for a file or a batch; its lowest element is ``policy``."""
-        if self.coupled and robot.floating:
-            allowed = f"False on {robot.name}, whose feet bear forces that it does not know"
-            raise DeclarationError("PolicyFilter", "coupled", value=self.coupled, allowed=allowed)
-        motors = JointTorque(joints=robot.joint_names, name="policy")
-        policy = motors if self.coupled else JointVelocity(joints=robot.joint_names, name="policy")
-        base = [PrescribedMotion(name="base")] if robot.floating else []
-        apart = [] if self.collision is None else [self.collision]
-        limited = [
-            name for name, most in zip(robot.joint_names, robot.effort_limit[robot.actuated], strict=True) if most > 0.0
+    def controller(self, robot: Robot, dt: float, *, deadline: float | None = None) -> Controller:
+        """The stack as a controller, for a file or a batch.
+
+        Its element ``policy`` takes v*, or tau*; ``lacking`` the load d of positions and torques.
+        """
+        names, servos = robot.joint_names, self.servos(robot, dt)
+        base: list[Element] = [PrescribedMotion(name="base")] if robot.floating else []
+        apart: list[Element] = [] if self.collision is None else [self.collision]
+        limits = default_limits(robot, self.command != "velocities") if self.limits is None else (self.limits,)
+        if self.command == "velocities":
+            level = Level(JointVelocity(joints=names, name="policy"), price=0)
+            stack = Stack(level, subject_to=[*base, *limits, *apart])
+            return Controller(stack, Velocity(), deadline=deadline, price=0)
+        limited = [name for name, most in zip(names, servos.effort, strict=True) if most < math.inf]
+        if self.collision is not None and self.collision.approach is None:
+            apart = [replace(self.collision, approach=APPROACH)]
+        forces: list[Element] = [
+            *([TorqueLimits(joints=limited)] if limited else []),
+            JointLoad(joints=names, inertia=servos.stiffening.tolist(), name="lacking"),
+            NominalTorque(name="policy"),
         ]
-        effort = [TorqueLimits(joints=limited)] if self.coupled and limited else []
-        limits = default_limits(robot, self.coupled) if self.limits is None else (self.limits,)
-        subject_to: list[Element] = [*base, *limits, *effort, *apart]
-        stack = Stack(Level(policy, price=0), subject_to=subject_to)
-        return Controller(stack, Torque(holding=None) if self.coupled else Velocity(), deadline=deadline, price=0)
+        stack = Stack(subject_to=[*base, *limits, *forces, *apart])
+        return Controller(stack, Torque(holding=None), deadline=deadline, price=0)
 
     def servos(self, robot: Robot, dt: float) -> Servos:
-        """The servos of the actuated joints; unit gains for commands without servos."""
-        kp, kd = (1.0, 0.0) if self.kp is None or self.kd is None else (self.kp, self.kd)
+        """The servos of the actuated joints, with gains of zero for commands without servos."""
+        kp, kd = (self.kp, self.kd) if self.command == "positions" else (None, None)
         return Servos.of("PolicyFilter", robot, robot.actuated, kp, kd, dt)
 
     def session(
@@ -112,8 +128,8 @@ class PolicyFilter:
 
         Raises DeclarationError, ModelError for invalid declarations, before the loop.
         """
-        session = self.controller(robot, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
-        return PolicyFilterSession(self, session, self.servos(robot, dt))
+        session = self.controller(robot, dt, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
+        return PolicyFilterSession(self, session)
 
 
 def known(numbers: Vec) -> Vec:
@@ -122,103 +138,103 @@ def known(numbers: Vec) -> Vec:
 
 
 class Prediction:
-    """Commands of one robot ``(n,)`` or of many ``(count, n)``, before and behind the stack."""
+    """Commands of one robot ``(n,)``, or of as many ``(count, n)`` as there are states, before and behind the stack."""
 
-    def __init__(self, declared: PolicyFilter, servos: Servos) -> None:
-        self._kind, self._coupled, self.servos = declared.command, declared.coupled, servos
+    def __init__(self, declared: PolicyFilter, robot: Robot, dt: float) -> None:
+        self._kind, self._dt = declared.command, dt
+        self.servos, self._own = declared.servos(robot, dt), robot.actuated
+        self._forces = declared.command != "velocities"
+        top = self.servos.effort if self._forces else robot.velocity_limit[self._own]
+        self._rounding = ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))
         self.reset()
 
     def reset(self) -> None:
         """Discard earlier commands and estimates."""
         self._last: Vec | None = None
-        self._before: Vec | None = None
-        self._rest: Vec | float = 0.0
-        self._path: Vec | float = 0.0
-        self._rate: Vec | float = 0.0
+        self._before: tuple[Measured, Vec] | None = None
+        self.lacking: Vec = np.zeros(self._own.size)
+        """d, the torques that the model lacks [N m]."""
+        self._held = self.lacking
 
-    def begin(self, command: ArrayLike, q: Vec, v: Vec) -> tuple[Vec, Vec]:
-        """(command within the effort limits, velocity by it), from joint positions and velocities; if coupled, the
-        command twice.
+    def begin(self, command: ArrayLike, state: Measured) -> tuple[Vec, Vec, Vec]:
+        """(command within the effort limits, torque or velocity by it, load of the joints).
 
         Replace invalid numbers (NaN, infinite) by the last ones sent; in the first tick, by ones that hold the joint.
         """
+        angles, speeds = self._joints(state)
         given = np.asarray(command, dtype=np.float64)
-        if given.shape != q.shape:
-            raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(q.shape))
-        self._observe(q, v)
+        if given.shape != angles.shape:
+            raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(angles.shape))
         if self._last is None:
-            self._path = known(q)
-            self._last = known(q) if self._kind == "positions" else np.zeros(q.shape)
+            self._place = known(angles)
+            self._last = self._place if self._kind == "positions" else np.zeros(angles.shape)
         finite = np.isfinite(given)
         if not finite.all():
             given = np.where(finite, given, self._last)
-        servos = self.servos
+        servos, angles, speeds = self.servos, known(angles), known(speeds)
         if self._kind == "velocities":
             given = within(given, -FASTEST, FASTEST)
-            return given, given
-        q, v = known(q), known(v)
+            return given, given, np.zeros(given.shape)
+        self._estimate(speeds)
+        lacking = np.broadcast_to(self.lacking, given.shape)
         if self._kind == "torques":
             given = within(given, -servos.effort, servos.effort)
-            if self._coupled:
-                return given, given
-            return given, v + servos.dt * (given + self._rest) / servos.inertia
-        given = servos.within_effort(given, q, v)
-        return given, servos.velocity(given, q, v, self._rest)
+            return given, given, lacking
+        given = servos.within_effort(given, angles, speeds)
+        return given, servos.torque(given, angles + self._dt * speeds, speeds), lacking
 
-    def end(self, command: Vec, free: Vec, x: Vec, q: Vec, v: Vec, solved: Any = True) -> Vec:
-        """Command for the velocity x in place of ``free``; if the tick is not solved, for the braking velocity x.
+    def end(self, command: Vec, free: Vec, x: Vec, state: Measured, solved: bool | Mask = True) -> tuple[Vec, Mask]:
+        """(command, joints that it limits), for the torque or velocity x in place of ``free``.
 
-        Then tau = I ((x - x-) / dt + 2 (x - v) / T + (p - q) / T^2) - d within the effort limits: x- is the x before,
-        p its integral from the last solved tick on, T = 0.1 s.  Without q and v servos aim at p, with the torque -d,
-        and torques lack the middle terms.  If coupled, x and ``free`` are torques, and an x that is not solved is sent.
+        Without a solved answer x brings the joints to rest; servos aim at their place in the last solved tick.
         """
-        servos, measured = self.servos, np.isfinite(q) & np.isfinite(v)
-        usual = bool(measured.all() and (solved if isinstance(solved, bool) else solved.all()))
-        if not usual:
-            q, v, solved = known(q), known(v), np.asarray(solved)[..., None]
+        angles, speeds = self._joints(state)
+        measured, good = np.isfinite(angles) & np.isfinite(speeds), np.asarray(solved)[..., None]
+        changed = (np.abs(x - free) > self._rounding) | ~good
+        servos, change = self.servos, np.where(changed, x - free, 0.0)
+        self._place = np.where(good & measured, angles, self._place)
         if self._kind == "velocities":
-            sent = command + (x - free)
-        elif self._coupled:
-            sent = within(command + (x - free), -servos.effort, servos.effort)
+            sent = np.where(good, command + change, x)
         elif self._kind == "torques":
-            sent = within(command + (x - free) * servos.inertia / servos.dt, -servos.effort, servos.effort)
+            self._held = np.where(good, self.lacking, self._held)  # x holds the joints with this d
+            sent = np.where(good, command + change, x - (self.lacking - self._held))
+            sent = within(sent, -servos.effort, servos.effort)
         else:
-            sent = servos.within_effort(servos.shifted(command, x - free), q, v)
+            sent = np.where(good, command + change / servos.kp, self._place + x / servos.kp)
+            sent = servos.within_effort(sent, np.where(measured, angles, self._place), np.where(measured, speeds, 0.0))
         assert self._last is not None
-        if usual:  # the same numbers in fewer operations
-            self._before, path = v.copy(), q
-        else:
-            sent = np.where(solved, sent, self._slowed(x, q, v, measured))
-            self._before = np.where(measured, v, math.nan)
-            path = np.where(measured & solved, q, self._path)
         finite = np.isfinite(sent)
         self._last = sent if finite.all() else np.where(finite, sent, self._last)
-        self._path, self._rate = path + servos.dt * x, x
-        return self._last.copy()
+        if self._forces:
+            torque = servos.torque(self._last, angles + self._dt * speeds, speeds)
+            self._before = state, self._last if self._kind == "torques" else torque
+        return self._last.copy(), changed
 
-    def _slowed(self, x: Vec, q: Vec, v: Vec, measured: Mask) -> Vec:
-        """Command of joints on their way to rest."""
-        servos, p, T = self.servos, self._path, max(SLOWING, 2.0 * self.servos.dt)
-        if self._kind == "velocities" or self._coupled:
-            return x
-        back = np.where(measured, 2.0 * (x - v) / T + (p - q) / T**2, 0.0)
-        change = (x - self._rate) / servos.dt + back
-        tau = within(servos.inertia * change - self._rest, -servos.effort, servos.effort)
-        if self._kind == "torques":
-            return np.asarray(tau)
-        return np.where(measured, servos.target(tau, q, x), p + (servos.kd * x - self._rest) / servos.kp)
+    def _joints(self, state: Measured) -> tuple[Vec, Vec]:
+        """Positions and speeds of the actuated joints."""
+        if isinstance(state, Sequence):
+            both = [self._joints(one) for one in state]
+            return np.array([angles for angles, _ in both]), np.array([speeds for _, speeds in both])
+        return state.angles[self._own], state.v[self._own]
 
-    def _observe(self, q: Vec, v: Vec) -> None:
-        """Estimate d, the torque that the servos' model lacks: gravity, contacts, other joints."""
-        if self._before is None or self._coupled or self._kind == "velocities":
+    def _estimate(self, speeds: Vec) -> None:
+        """Estimate d from the motion of the last period; the base's acceleration is part of it."""
+        if self._before is None:
             return
-        servos, v_then = self.servos, self._before
-        assert self._last is not None
-        own = self._last if self._kind == "torques" else servos.kp * (self._last - q) - servos.kd * v
-        found = servos.inertia * (v - v_then) / servos.dt - own
-        most = np.minimum(servos.effort, UNLIMITED)
-        found = np.where(np.isfinite(found), within(found, -most, most), self._rest)
-        self._rest = self._rest + BLEND * (found - self._rest)
+        before, tau = self._before
+        a = (speeds - self._joints(before)[1]) / self._dt
+        found = self._torques(before, a) + self.servos.stiffening * a - tau
+        most = np.minimum(self.servos.effort, UNLIMITED)
+        found = np.where(np.isfinite(found), within(found, -most, most), self.lacking)
+        self.lacking = self.lacking + BLEND * (found - self.lacking)
+
+    def _torques(self, state: Measured, a: Vec) -> Vec:
+        """Torques of the model for this acceleration of the joints."""
+        if isinstance(state, Sequence):
+            return np.array([self._torques(one, joints) for one, joints in zip(state, a, strict=True)])
+        every = np.zeros(state.v.size)
+        every[self._own] = a
+        return state.inverse_dynamics(every)[self._own]
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,14 +254,11 @@ class FilteredTick:
 class PolicyFilterSession:
     """Filter of one robot; ``session`` is that of its stack."""
 
-    def __init__(self, declared: PolicyFilter, session: Session, servos: Servos) -> None:
+    def __init__(self, declared: PolicyFilter, session: Session) -> None:
         self.declared, self.session, self.robot = declared, session, session.robot
-        self._prediction = Prediction(declared, servos)
-        own = self._own = self.robot.actuated
-        self._still = np.zeros(own.size)
-        top = self.robot.velocity_limit[own]
-        top = self._prediction.servos.effort if declared.coupled else top
-        self._speed = 1e-9 * (1.0 + np.where(np.isfinite(top), top, 1.0))
+        self._prediction = Prediction(declared, self.robot, session.dt)
+        self._own = self.robot.actuated
+        self._still = np.zeros(self._own.size)
 
     def tick(self, q: Vec, v: Vec, command: ArrayLike) -> FilteredTick:
         """One tick: measured q ``(nq,)`` and v ``(nv,)``, the policy's command ``(n,)``.  Data never raises.
@@ -256,22 +269,26 @@ class PolicyFilterSession:
 
     def step(self, state: State, command: ArrayLike, *, now: float | None = None) -> FilteredTick:
         """One tick of a state, which carries its time if there is a ``max_age``; see ``tick``, ``Session.step``."""
-        own, requested = self._own, np.array(command, dtype=np.float64)
-        q, v = state.angles[own], state.v[own]
-        taken, free = self._prediction.begin(requested, q, v)
-        coupled = self.declared.coupled
-        reference = Reference("policy", free) if coupled else Reference("policy", self._still, free)
-        tick = self.session.step(state, reference, now=now)
-        x, solved = tick.command if coupled else tick.x[own], tick.status.solved
-        sent = self._prediction.end(taken, free, x, q, v, solved)
-        changed = (np.abs(x - free) > self._speed) | (taken != requested)
-        if not solved:
-            changed[:] = True
+        requested = np.array(command, dtype=np.float64)
+        taken, free, load = self._prediction.begin(requested, state)
+        if self.declared.command == "velocities":
+            tick = self.session.step(state, Reference("policy", self._still, free), now=now)
+            x = tick.x[self._own]
+        else:
+            tick = self.session.step(state, Reference("policy", free), Reference("lacking", load), now=now)
+            x = tick.command
+        sent, changed = self._prediction.end(taken, free, x, state, tick.status.solved)
+        changed |= taken != requested
         limited: dict[str, float] = {}
         if changed.any():
             names = self.robot.joint_names
             limited = {names[i]: float(sent[i] - requested[i]) for i in changed.nonzero()[0].tolist()}
         return FilteredTick(sent, requested, limited, tick)
+
+    @property
+    def lacking(self) -> Vec:
+        """Estimate of the torques that the model lacks ``(n,)`` [N m]."""
+        return self._prediction.lacking.copy()
 
     def reset(self) -> None:
         """Discard earlier commands and estimates, but not the state of the stack's session."""

@@ -1,4 +1,4 @@
-"""Joint servos tau = kp (q* - q) - kd v: motion of a joint towards its target in a period, and the inverse."""
+"""Joint servos tau = kp (q* - q) - kd v: torque of a target, target of a torque."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from hqp.arrays import Index, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.tasks.limits import home_inertia
 
 Gains = float | ArrayLike | Mapping[str, float]
 """A number for all joints, one for each, or by joint name."""
@@ -20,52 +19,49 @@ Gains = float | ArrayLike | Mapping[str, float]
 
 @dataclass(frozen=True, eq=False)
 class Servos:
-    """PD servos with constant targets during a period, each about its own inertia, by an implicit step:
+    """PD servos tau = kp (q* - q) - kd v with constant targets q* during a period dt.
 
-        (I + dt kd + dt^2 kp) v+ = I v + dt (kp (q* - q) + d),
-
-    d the remaining torque of each joint (gravity, contacts, other joints).  Functions work on the last axis, so that
-    rows of a batch have the bits of a single one.  kp [N m/rad], kd [N m s/rad], inertia [kg m^2], effort [N m], dt
-    [s], each ``(n,)``.
+    Over an implicit step their torque is kp (q* - q - dt v) - kd v - D qdd, D = dt kd + dt^2 kp: D adds to the inertia.
+    Functions work on the last axis, so that rows of a batch have the bits of a single one.  kp [N m/rad], kd
+    [N m s/rad], effort [N m], dt [s], each ``(n,)``.
     """
 
     kp: Vec
     kd: Vec
-    inertia: Vec
     effort: Vec
     dt: float
 
     @classmethod
-    def of(cls, owner: str, robot: Robot, joints: Index, kp: Gains, kd: Gains, dt: float) -> Servos:
-        """Servos of these coordinates with the inertia at home; raises DeclarationError for gains and for tendons."""
+    def of(cls, owner: str, robot: Robot, joints: Index, kp: Gains | None, kd: Gains | None, dt: float) -> Servos:
+        """Servos of these coordinates; gains of zero for None, which take torques.
+
+        Raises DeclarationError for gains and for tendons.
+        """
         require_own_motors(owner, robot, joints)
         names = [robot.joint_name(int(c)) for c in joints]
         effort = np.where(robot.effort_limit[joints] > 0.0, robot.effort_limit[joints], np.inf)
-        return cls(
-            gains(owner, "kp", kp, names), gains(owner, "kd", kd, names), home_inertia(robot)[joints], effort, dt
+        kp, kd = (
+            np.zeros(len(names)) if g is None else gains(owner, what, g, names) for what, g in (("kp", kp), ("kd", kd))
         )
+        return cls(kp, kd, effort, dt)
 
     @cached_property
-    def stiff(self) -> Vec:
-        """I + dt kd + dt^2 kp ``(n,)``."""
-        return self.inertia + self.dt * (self.kd + self.dt * self.kp)
+    def stiffening(self) -> Vec:
+        """D = dt kd + dt^2 kp ``(n,)`` [kg m^2]."""
+        return self.dt * (self.kd + self.dt * self.kp)
 
     def within_effort(self, target: Vec, q: Vec, v: Vec) -> Vec:
         """Move the target so that its torque is within the effort limits."""
         damping = self.kd * v
         return within(target, q + (damping - self.effort) / self.kp, q + (damping + self.effort) / self.kp)
 
-    def velocity(self, target: Vec, q: Vec, v: Vec, rest: Vec | float = 0.0) -> Vec:
-        """v+ under a target; rest: d."""
-        return (self.inertia * v + self.dt * (self.kp * (target - q) + rest)) / self.stiff
+    def torque(self, target: Vec, q: Vec, v: Vec) -> Vec:
+        """Torque under a target [N m]."""
+        return self.kp * (target - q) - self.kd * v
 
-    def shifted(self, target: Vec, change: Vec) -> Vec:
-        """The target that changes v+ by ``change`` [rad/s]."""
-        return target + change * self.stiff / (self.dt * self.kp)
-
-    def target(self, torque: Vec, q: Vec, after: Vec) -> Vec:
-        """The target whose torque at the end of the period, at q + dt v+ and v+ = ``after``, is this one."""
-        return q + self.dt * after + (torque + self.kd * after) / self.kp
+    def target(self, torque: Vec, q: Vec, v: Vec) -> Vec:
+        """The target of this torque."""
+        return q + (torque + self.kd * v) / self.kp
 
 
 def require_own_motors(owner: str, robot: Robot, joints: Index) -> None:

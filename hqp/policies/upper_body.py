@@ -255,7 +255,7 @@ class UpperBodySession:
             return UpperBodyTick(angles, v, None, tick)
         tau = tick.command[self._motors]
         servos = self._servos
-        return UpperBodyTick(angles if servos is None else angles + (tau + servos.kd * v) / servos.kp, v, tau, tick)
+        return UpperBodyTick(angles if servos is None else servos.target(tau, angles, v), v, tau, tick)
 
     def _supported(self, state: State, standing: Collection[str] | None) -> list[Reference]:
         """Reference of the support polygon."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.element import Element, plan_of
-from hqp.declare.plans import ExternalWrench, Payload
+from hqp.declare.plans import ExternalWrench, JointLoad, NominalTorque, Payload
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Load, Robot, State
 from hqp.declare.stack import Stack
@@ -47,7 +47,7 @@ class Loads:
         self.parts: list[dict[str, Any]] = []
         for element in elements:
             plan = plan_of(element, robot)
-            if rows is not None and isinstance(plan, (Payload, ExternalWrench)):
+            if rows is not None and isinstance(plan, (Payload, ExternalWrench, JointLoad, NominalTorque)):
                 self._live[element.name] = np.zeros(plan.shape)
                 self.parts.append({"name": element.name, "plan": plan, "value": self._live[element.name]})
                 rows.load(self.parts[-1])

@@ -11,6 +11,7 @@ import numpy as np
 from hqp.arrays import Index, Mat, Vec
 from hqp.declare.element import Element, selection_of
 from hqp.declare.law import PD, Law
+from hqp.declare.plans import NominalTorque
 from hqp.declare.price import LevelPrices, Price, is_exact, level_prices
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
@@ -146,7 +147,9 @@ class TorqueProgram(Program):
             if blocks(c, c.rows(robot))
         }
         self._rows = TorqueRows(self.dynamics.map)
-        self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
+        self._compensated = formulation.gravity_compensation
+        nominal = self._nominal(loads, robot, exact)
+        self._origin = np.zeros(robot.actuated.size) if self._compensated else nominal
         self._lay_out(groups, robot, level_prices(groups, robot, laws, formulation.order, dt, price))
         self.dynamics.follow(self._rows.parts, self._forces.parts)
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
@@ -162,6 +165,17 @@ class TorqueProgram(Program):
             for name, place in self.places.items()
             if place.element.quantity != "motion" and place.element.equality
         ]
+
+    def _nominal(self, loads: Sequence[Element], robot: Robot, exact: bool) -> Vec | None:
+        """The live torque to which free directions are nearest; raises DeclarationError where none can be."""
+        found = [e for e in loads if isinstance(e.plan(robot), NominalTorque)]
+        if not found:
+            return None
+        if self._compensated or not exact or len(found) > 1:
+            given = "gravity_compensation" if self._compensated else "a price" if not exact else [e.name for e in found]
+            allowed = "one NominalTorque, without gravity_compensation, in a controller with price=0"
+            raise DeclarationError(found[0].name, "nominal torque beside", value=given, allowed=allowed)
+        return self.loads.live[found[0].name]
 
     def _lay_out(self, groups: Sequence[Group], robot: Robot, paid: LevelPrices | None) -> None:
         """Assign the rows of every element: levels that only bound tau are selections, the others slices of one
@@ -322,14 +336,14 @@ class TorqueProgram(Program):
         rows.limit(state, dynamics)
         shift = elsewhere = None
         other_normals = bool(given) and self._gravity.takes_normals(given)
-        if other_normals or self._origin is not None:
+        if other_normals or self._compensated:
             weight = self.loads.gravity(state)
             holding = self._gravity.torque(weight, dynamics.J)
             if other_normals:
                 there = self._gravity.other(state, weight, references)
                 shift, holding = there - holding, there
                 elsewhere = c - dynamics.X @ shift  # the model of the rows meets tau - shift
-            if self._origin is not None:
+            if self._compensated and self._origin is not None:
                 np.copyto(self._origin, holding)
         dynamics.native.write(state.v, elsewhere)
         if self._efforts:

@@ -15,36 +15,41 @@ KINDS = ("positions", "velocities", "torques")
 
 
 class Plant:
-    """Joints that move alone, each by its servo and its inertia at home; the base is fixed."""
+    """Joints of a robot under gravity whose base is held, by Pinocchio in four steps a period.
+
+    Servos act within the period, by an implicit step; drives of velocities are ideal.
+    """
 
     def __init__(self, robot: Robot, kind: str, session: Any) -> None:
         self.robot, self.kind = robot, kind
         self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
-        self.servos = session.declared.servos(robot, DT)
+        self.servos, self.step = session.declared.servos(robot, DT), 0.25 * DT
+        self.load = np.zeros(robot.actuated.size)
+        """Torques beside the motors [N m]."""
+        self._model = pin.Model(robot.model)
+        kp, kd = self.servos.kp, self.servos.kd
+        self._model.armature[robot.actuated] += self.step * (kd + self.step * kp)
+        if robot.floating:  # a base that nothing moves
+            self._model.armature[:6] = 1e9
+        self._data = self._model.createData()
 
     def move(self, command: Any) -> None:
-        own, servos = self.robot.actuated, self.servos
-        angles, v = self.robot.state(self.q).angles[own], self.v[own]
+        robot, own = self.robot, self.robot.actuated
         if self.kind == "velocities":
-            after = command
-        elif self.kind == "torques":
-            after = v + DT * command / servos.inertia
-        else:
-            after = servos.velocity(command, angles, v)
-        self.v = np.zeros(self.robot.nv)
-        self.v[own] = after
-        self.q = self.robot.integrate(self.q, self.v, DT)
-
-
-class Coupled(Plant):
-    """Joints of a robot on a fixed base under gravity, by Pinocchio in four steps a period; the command are torques."""
-
-    def move(self, command: Any) -> None:
-        model, h = self.robot.model, 0.25 * DT
-        data = model.createData()
+            self.v = np.zeros(robot.nv)
+            self.v[own] = command
+            self.q = robot.integrate(self.q, self.v, DT)
+            return
         for _ in range(4):
-            self.v = self.v + h * pin.aba(model, data, self.q, self.v, command)
-            self.q = pin.integrate(model, self.q, h * self.v)
+            tau, v = np.zeros(robot.nv), self.v[own]
+            tau[own] = command
+            if self.kind == "positions":
+                angles = robot.past(self.q).angles[own]
+                tau[own] = self.servos.torque(command, angles + self.step * v, v)
+            tau[own] += self.load
+            self.v = self.v + self.step * pin.aba(self._model, self._data, self.q, self.v, tau)
+            self.v[: 6 * robot.floating] = 0.0
+            self.q = pin.integrate(robot.model, self.q, self.step * self.v)
 
 
 def hostile(rng: np.random.Generator, kind: str, robot: Robot, i: int) -> Any:

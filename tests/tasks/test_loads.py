@@ -261,3 +261,72 @@ def test_what_is_refused(robots: dict[str, Any]) -> None:
         Level(t.Posture()), subject_to=[t.Payload(frame="h", mass=2.0), t.ExternalWrench(frame="h", local=True)]
     )
     assert serial.loads(serial.dumps(stack)) == stack
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ["cbi", "g1", "panda"])
+def test_a_joint_load_is_an_armature_and_a_torque(robots: dict[str, Any], name: str, seed: int) -> None:
+    """Drawn joints, inertias and torques: Pinocchio's forward dynamics with them give the program's acceleration."""
+    robot, rng = robots[name], np.random.default_rng(seed)
+    chosen = tuple(rng.choice(robot.joint_names, int(rng.integers(1, 5)), replace=False).tolist())
+    columns = robot.joints(chosen)
+    load = t.JointLoad(joints=chosen, inertia=tuple(rng.uniform(0.0, 0.5, len(chosen)).tolist()))
+    stack = Stack(Level(t.Posture()), subject_to=[*feet(robot), *robot.couplings, load])
+    session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, DT)
+    model = pin.Model(robot.model)
+    model.armature[columns] += load.inertia
+    for _ in range(3):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.3, 0.3, robot.nv), 1.0), rng.normal(size=robot.nv)
+        d = rng.uniform(-20.0, 20.0, len(chosen))
+        tick = session.step(robot.state(q, v), load.at(d))
+        assert tick.status is Status.OPTIMAL
+        state, tau = robot.state(q, v), robot.actuation.T @ tick.command
+        tau[columns] += d
+        for held, force in session.program.contact_forces(tick.x, world=True).items():
+            tau += session.stack.find(held).jacobian(state).T @ force
+        found = session.program.acceleration(tick.x)
+        np.testing.assert_allclose(
+            pin.aba(model, model.createData(), q, v, tau), found, atol=1e-6 * np.abs(found).max()
+        )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_constraints_change_the_nominal_torque_as_forces_of_contacts(robots: dict[str, Any], seed: int) -> None:
+    """Gauss: with a task tau - tau_n = J^T f, with one joint beyond its limit a multiple of its own unit vector."""
+    robot, rng = robots["panda"], np.random.default_rng(seed)
+    nominal, hand = t.NominalTorque(), t.Position(frame="panda_hand", name="hand")
+    q, v = robot.integrate(robot.home, rng.uniform(-0.2, 0.2, robot.nv), 1.0), np.zeros(robot.nv)
+    state, tau = robot.state(q, v), rng.uniform(-10.0, 10.0, robot.actuated.size)
+    goal = hand.at(state.position("panda_hand") + rng.uniform(-0.2, 0.2, 3))
+
+    def solved(stack: Stack, *references: Any) -> Any:
+        formulation = hqp.Torque(holding=None, effort_limits=False)
+        session = hqp.Controller(stack, formulation, price=0, deadline=math.inf).session(robot, DT)
+        tick = session.step(robot.state(q, v), nominal.at(tau), *references)
+        assert tick.status is Status.OPTIMAL
+        return tick.command
+
+    np.testing.assert_allclose(solved(Stack(subject_to=[nominal])), tau, rtol=1e-14)
+    change = solved(Stack(Level(hand), subject_to=[nominal]), goal) - tau
+    J = robot.state(q, v).jacobian("panda_hand")[:3, robot.actuated]
+    force = np.linalg.lstsq(J.T, change, rcond=None)[0]
+    np.testing.assert_allclose(J.T @ force, change, atol=1e-7 * np.abs(change).max())
+    column = int(rng.integers(robot.actuated.size))
+    tau[column] += 60.0
+    limits = t.JointLimits(joints=[robot.joint_names[column]], acceleration=5.0)
+    change = solved(Stack(subject_to=[nominal, limits])) - tau
+    assert abs(change[column]) > 1.0
+    np.testing.assert_allclose(np.delete(change, column), 0.0, atol=1e-8)
+
+
+def test_a_nominal_torque_needs_an_exact_controller(robots: dict[str, Any]) -> None:
+    robot, nominal = robots["panda"], t.NominalTorque()
+    for formulation, price, more in (
+        (hqp.Torque(), None, ()),
+        (hqp.Torque(gravity_compensation=True), 0, ()),
+        (hqp.Torque(), 0, (t.NominalTorque(name="another"),)),
+        (hqp.Acceleration(), 0, ()),
+    ):
+        stack = Stack(Level(t.Posture()), subject_to=[nominal, *more])
+        with pytest.raises(DeclarationError, match="nominal_torque"):
+            hqp.Controller(stack, formulation, price=price).session(robot, DT)

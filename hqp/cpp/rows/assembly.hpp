@@ -47,6 +47,13 @@ class Assembly : public Limiting {
   // A load whose value is live; payloads count for centres of mass, too.
   template <class Plan>
   void load(const Plan& plan, const double* value) {
+    if (plan.name() == "NominalTorque") return;  // no force
+    if (plan.name() == "JointLoad") {
+      std::vector<int> columns = plan.places("columns", std::size_t(size()));
+      std::vector<double> inertia = plan.numbers("inertia", columns.size());
+      loads_.add({std::move(columns), std::move(inertia), value});
+      return;
+    }
     const bool wrench = plan.name() == "ExternalWrench";
     const Frame frame = plan.frame("frame", tree_);
     loads_.add({frame, value, wrench, wrench && plan.flag("local"), !wrench || plan.flag("resisted")});

@@ -33,7 +33,7 @@ struct CollisionScene {
   std::vector<double> clearances;
   std::int32_t* slots;  // (m,) live: number of the pair or end in each row, -1 for none
   int rows;
-  double influence, soft, curvature, rate, braking, recovery, outset, foresight, step, dt;
+  double influence, soft, curvature, rate, approach, braking, recovery, outset, foresight, step, dt;
   int order;
 };
 
@@ -260,7 +260,7 @@ class Collision final : public Operation {
     for (const int c : chains[1]) J[c] = out_.weight * value(form, c);
     const double clearance = s_.clearances[row % count_], loose = s_.rate * s_.influence * (1.0 / fade_[row] - 1.0);
     if (s_.order == 2) {
-      out_.lower[i] = braking(row, clearance, rate(row, found, 0.0)) - 4.0 * s_.rate * loose - drift(row);
+      out_.lower[i] = braking(row, clearance, rate(row, found, 0.0)) - s_.approach * loose - drift(row);
       return;
     }
     const int other = pair_of(row)[1];
@@ -270,7 +270,8 @@ class Collision final : public Operation {
       double speed = carried;
       for (const auto& chain : chains)
         for (const int c : chain) speed += J[c] * v[c] / out_.weight;
-      least = std::min(least, speed + s_.dt * s_.outset + std::min(1.0, 5.0 * s_.dt * s_.rate) * std::max(-speed, 0.0));
+      least = std::min(
+          least, speed + s_.dt * s_.outset + std::min(1.0, s_.dt * (s_.approach + s_.rate)) * std::max(-speed, 0.0));
     }
     out_.lower[i] = least - loose - carried;
   }
@@ -306,11 +307,11 @@ class Collision final : public Operation {
   }
 
   double braking(int row, double clearance, double speed) const {  // least acceleration of the distance
-    const double h = found_[row].value - clearance, fast = 4.0 * s_.rate;
+    const double h = found_[row].value - clearance, fast = s_.approach;
     if (h < 0.0) {
       const auto [wanted, most] = back(row, h);
       const double least = fast * (wanted - speed) - s_.rate * (speed - (most >= s_.recovery ? most : 0.0));
-      return std::min(least, s_.outset + 5.0 * s_.rate * std::max(-speed, 0.0));
+      return std::min(least, s_.outset + (fast + s_.rate) * std::max(-speed, 0.0));
     }
     const Speed most = closing(h);
     return -most.slope * speed - fast * (most.speed + speed);

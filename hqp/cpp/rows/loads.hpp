@@ -1,4 +1,4 @@
-// Known loads in the equation of motion A qdd + b + g = ...: payloads and wrenches. See tasks/loads.py.
+// Known loads in the equation of motion A qdd + b + g = ...: payloads, wrenches, loads of joints. See tasks/loads.py.
 #pragma once
 
 #include <vector>
@@ -14,8 +14,16 @@ struct KnownLoad {
   bool resisted;        // true if the holding torque compensates the load, too
 };
 
+// An inertia on the diagonal of A and a live torque for each of these coordinates.
+struct KnownJointLoad {
+  std::vector<int> columns;
+  std::vector<double> inertia;
+  const double* torque;
+};
+
 class KnownLoads {
  public:
+  void add(KnownJointLoad load) { joints_.push_back(std::move(load)); }
   void add(KnownLoad load) {
     speeds_.reserve(std::max(speeds_.capacity(), load.frame.columns.size()));
     loads_.push_back(std::move(load));
@@ -24,6 +32,12 @@ class KnownLoads {
   // A: (nv, nv) column-major, its upper triangle; bias: b + g (nv,).
   void apply(const Tree& tree, const Vec3& gravity, double* A, double* bias) {
     const int nv = tree.size();
+    for (const KnownJointLoad& load : joints_)
+      for (std::size_t k = 0; k < load.columns.size(); ++k) {
+        const std::ptrdiff_t c = load.columns[k];
+        A[c * nv + c] += load.inertia[k];
+        bias[c] -= load.torque[k];
+      }
     for (const KnownLoad& load : loads_) {
       if (load.wrench) {
         push(tree, load, bias);
@@ -48,6 +62,8 @@ class KnownLoads {
 
   // Contribution of the loads to g (nv).
   void weigh(const Tree& tree, const Vec3& gravity, double* g) const {
+    for (const KnownJointLoad& load : joints_)
+      for (std::size_t k = 0; k < load.columns.size(); ++k) g[load.columns[k]] -= load.torque[k];
     for (const KnownLoad& load : loads_) {
       if (load.wrench) {
         if (load.resisted) push(tree, load, g);
@@ -78,6 +94,7 @@ class KnownLoads {
   }
 
   std::vector<KnownLoad> loads_;
+  std::vector<KnownJointLoad> joints_;
   std::vector<Vec3> speeds_;
 };
 

@@ -265,6 +265,7 @@ class Operations {
     found.curvature = p.number("curvature");
     found.rate = p.number("rate");
     found.braking = p.number("braking");
+    found.approach = p.number("approach");
     found.foresight = p.number("foresight");
     found.recovery = p.number("recovery");
     found.outset = p.number("outset");

@@ -147,8 +147,12 @@ Slot slot(const Plan& p, int operations) {
 template <class Plan>
 Slot load_slot(const Plan& p) {
   const std::size_t size = p.part("value").size();
-  need(size == (p.part("plan").name() == "ExternalWrench" ? 6u : 4u),
-       "a load of the plan has another number of values");
+  const auto plan = p.part("plan");
+  const std::size_t expected = plan.name() == "JointLoad"        ? plan.numbers("columns").size()
+                               : plan.name() == "NominalTorque"  ? std::size_t(plan.ints("shape").at(0))
+                               : plan.name() == "ExternalWrench" ? 6u
+                                                                 : 4u;
+  need(size == expected, "a load of the plan has another number of values");
   Slot slot;
   slot.target = p.doubles("value", size);
   slot.shape = {static_cast<int>(size)};

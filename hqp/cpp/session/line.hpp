@@ -77,7 +77,9 @@ class Line {
     still_.resize(std::size_t(nv_));
     holding_.resize(std::size_t(n_)), momentum_.resize(holding_.size());
     origin_ = root.part("solver").maybe("origin", std::size_t(n_));
-    if (torque() && origin_) weight_.resize(std::size_t(nv_));
+    bool nominal = false;
+    for (const Node& one : motion.parts("loads")) nominal = nominal || one.part("plan").name() == "NominalTorque";
+    if (torque() && origin_ && !nominal) weight_.resize(std::size_t(nv_));
   }
   Line(const Line&) = delete;
 
