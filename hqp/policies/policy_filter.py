@@ -37,8 +37,8 @@ Command = Literal["positions", "velocities", "torques"]
 Measured = State | Sequence[State]
 """State of one robot, or of each of several."""
 
-FASTEST = 1e6
-"""Largest velocity of a policy that is not replaced [rad/s]."""
+LARGEST = 1e6
+"""Largest command that is a number, at a joint without a limit [rad, rad/s, N m]."""
 
 UNLIMITED = 1e3
 """Largest torque that the model may lack at a joint without an effort limit, or with a larger one [N m]."""
@@ -159,7 +159,8 @@ class Prediction:
     def begin(self, command: ArrayLike, state: Measured) -> tuple[Vec, Vec, Vec]:
         """(command within the effort limits, torque or velocity by it, load of the joints).
 
-        Replace invalid numbers (NaN, infinite) by the last ones sent; in the first tick, by ones that hold the joint.
+        Replace invalid numbers (NaN, infinite, beyond 1e6 without a limit) by the last ones sent; in the first tick, by
+        ones that hold the joint.
         """
         angles, speeds = self._joints(state)
         given = np.asarray(command, dtype=np.float64)
@@ -168,12 +169,12 @@ class Prediction:
         if self._last is None:
             self._place = known(angles)
             self._last = self._place if self._kind == "positions" else np.zeros(angles.shape)
-        finite = np.isfinite(given)
-        if not finite.all():
-            given = np.where(finite, given, self._last)
+        limited = self._forces & np.isfinite(self.servos.effort)
+        valid = np.isfinite(given) & (limited | (np.abs(given) <= LARGEST))
+        if not valid.all():
+            given = np.where(valid, given, self._last)
         servos, angles, speeds = self.servos, known(angles), known(speeds)
         if self._kind == "velocities":
-            given = within(given, -FASTEST, FASTEST)
             return given, given, np.zeros(given.shape)
         self._estimate(speeds)
         lacking = np.broadcast_to(self.lacking, given.shape)
