@@ -31,6 +31,7 @@ from hqp.tasks import (
     TorqueLimits,
 )
 from hqp.torque import Torque
+from hqp.torque.holding import within_holding
 
 Command = Literal["positions", "velocities", "torques"]
 
@@ -42,6 +43,9 @@ LARGEST = 1e6
 
 UNLIMITED = 1e3
 """Largest torque that the model may lack at a joint without an effort limit, or with a larger one [N m]."""
+
+HOLDING = 0.8
+"""Largest share of a motor's torque that holds its joint: G1's waist cannot hold the trunk in all of its range."""
 
 BLEND = 0.1
 """Share of a new estimate of the torque that the model lacks, in a tick."""
@@ -113,7 +117,7 @@ class PolicyFilter:
             JointLoad(joints=names, inertia=servos.stiffening.tolist(), name="lacking"),
             NominalTorque(name="policy"),
         ]
-        stack = Stack(subject_to=[*base, *limits, *forces, *apart])
+        stack, _ = within_holding(Stack(subject_to=[*base, *limits, *forces, *apart]), robot, HOLDING)
         return Controller(stack, Torque(holding=None), deadline=deadline, price=0)
 
     def servos(self, robot: Robot, dt: float) -> Servos:
@@ -146,15 +150,18 @@ class Prediction:
         self._forces = declared.command != "velocities"
         top = self.servos.effort if self._forces else robot.velocity_limit[self._own]
         self._rounding = ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))
+        self._limited = self._forces & np.isfinite(self.servos.effort)
+        self._largest = np.where(self._limited, np.minimum(self.servos.effort, LARGEST), LARGEST)
+        self._most = np.minimum(self.servos.effort, UNLIMITED)
+        self._share: Vec | float = 1.0 / self.servos.kp if self._kind == "positions" else 1.0
         self.reset()
 
     def reset(self) -> None:
         """Discard earlier commands and estimates."""
         self._last: Vec | None = None
-        self._before: tuple[Measured, Vec] | None = None
+        self._before: tuple[Measured, Vec, Vec] | None = None
         self.lacking: Vec = np.zeros(self._own.size)
         """d, the torques that the model lacks [N m]."""
-        self._held = self.lacking
 
     def begin(self, command: ArrayLike, state: Measured) -> tuple[Vec, Vec, Vec]:
         """(command within the effort limits, torque or velocity by it, load of the joints).
@@ -162,53 +169,66 @@ class Prediction:
         Replace invalid numbers (NaN, infinite, beyond 1e6 without a limit) by the last ones sent; in the first tick, by
         ones that hold the joint.
         """
-        angles, speeds = self._joints(state)
+        servos, (angles, speeds) = self.servos, self._joints(state)
         given = np.asarray(command, dtype=np.float64)
         if given.shape != angles.shape:
             raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(angles.shape))
+        measured = np.isfinite(angles) & np.isfinite(speeds)
+        self._measured: Mask | Literal[True] = True if measured.all() else measured
+        if self._measured is not True:
+            angles, speeds = known(angles), known(speeds)
         if self._last is None:
-            self._place = known(angles)
-            self._last = self._place if self._kind == "positions" else np.zeros(angles.shape)
-        limited = self._forces & np.isfinite(self.servos.effort)
-        valid = np.isfinite(given) & (limited | (np.abs(given) <= LARGEST))
+            self._place, self.lacking = angles, np.zeros(angles.shape)
+            self._last, self._held = angles if self._kind == "positions" else self.lacking, self.lacking
+        valid = np.abs(given) <= self._largest  # not if NaN
         if not valid.all():
-            given = np.where(valid, given, self._last)
-        servos, angles, speeds = self.servos, known(angles), known(speeds)
+            given = np.where(valid | (np.isfinite(given) & self._limited), given, self._last)
+        self._now = state, angles, speeds
         if self._kind == "velocities":
-            return given, given, np.zeros(given.shape)
+            return given, given, self.lacking
         self._estimate(speeds)
-        lacking = np.broadcast_to(self.lacking, given.shape)
         if self._kind == "torques":
             given = within(given, -servos.effort, servos.effort)
-            return given, given, lacking
+            return given, given, self.lacking
         given = servos.within_effort(given, angles, speeds)
-        return given, servos.torque(given, angles + self._dt * speeds, speeds), lacking
+        return given, servos.torque(given, angles + self._dt * speeds, speeds), self.lacking
 
-    def end(self, command: Vec, free: Vec, x: Vec, state: Measured, solved: bool | Mask = True) -> tuple[Vec, Mask]:
-        """(command, joints that it limits), for the torque or velocity x in place of ``free``.
+    def end(self, command: Vec, free: Vec, x: Vec, solved: bool | Mask = True) -> tuple[Vec, Mask]:
+        """(command, joints that it limits), for the torque or velocity x in place of ``free``, after ``begin``.
 
         Without a solved answer x brings the joints to rest; servos aim at their place in the last solved tick.
         """
-        angles, speeds = self._joints(state)
-        measured, good = np.isfinite(angles) & np.isfinite(speeds), np.asarray(solved)[..., None]
-        changed = (np.abs(x - free) > self._rounding) | ~good
-        servos, change = self.servos, np.where(changed, x - free, 0.0)
-        self._place = np.where(good & measured, angles, self._place)
-        if self._kind == "velocities":
-            sent = np.where(good, command + change, x)
-        elif self._kind == "torques":
-            self._held = np.where(good, self.lacking, self._held)  # x holds the joints with this d
-            sent = np.where(good, command + change, x - (self.lacking - self._held))
-            sent = within(sent, -servos.effort, servos.effort)
+        (state, angles, speeds), servos, measured = self._now, self.servos, self._measured
+        change = x - free
+        changed = np.abs(change) > self._rounding
+        sent = command + np.where(changed, change, 0.0) * self._share
+        good: Mask = np.asarray(solved, dtype=bool)[..., None]
+        if not good.all():
+            changed = changed | ~good
+            rest = x
+            if self._kind == "torques":  # x holds the joints with an older d
+                rest = x + self._held - self.lacking
+            elif self._kind == "positions":
+                rest = self._place + x / servos.kp
+            sent = np.where(good, sent, rest)
+        if measured is True and solved is True:
+            self._place, self._held = angles, self.lacking
         else:
-            sent = np.where(good, command + change / servos.kp, self._place + x / servos.kp)
-            sent = servos.within_effort(sent, np.where(measured, angles, self._place), np.where(measured, speeds, 0.0))
+            self._place = np.where(good & measured, angles, self._place)
+            self._held = np.where(good, self.lacking, self._held)
+        if self._kind == "torques":
+            sent = within(sent, -servos.effort, servos.effort)
+        elif self._forces:
+            at = angles if measured is True else np.where(measured, angles, self._place)
+            sent = servos.within_effort(sent, at, speeds)
         assert self._last is not None
         finite = np.isfinite(sent)
         self._last = sent if finite.all() else np.where(finite, sent, self._last)
         if self._forces:
-            torque = servos.torque(self._last, angles + self._dt * speeds, speeds)
-            self._before = state, self._last if self._kind == "torques" else torque
+            tau = (
+                self._last if self._kind == "torques" else servos.torque(self._last, angles + self._dt * speeds, speeds)
+            )
+            self._before = state, speeds if measured is True else np.where(measured, speeds, math.nan), tau
         return self._last.copy(), changed
 
     def _joints(self, state: Measured) -> tuple[Vec, Vec]:
@@ -222,12 +242,13 @@ class Prediction:
         """Estimate d from the motion of the last period; the base's acceleration is part of it."""
         if self._before is None:
             return
-        before, tau = self._before
-        a = (speeds - self._joints(before)[1]) / self._dt
+        before, then, tau = self._before
+        a = (speeds if self._measured is True else np.where(self._measured, speeds, math.nan)) - then
+        a *= 1.0 / self._dt
         found = self._torques(before, a) + self.servos.stiffening * a - tau
-        most = np.minimum(self.servos.effort, UNLIMITED)
-        found = np.where(np.isfinite(found), within(found, -most, most), self.lacking)
-        self.lacking = self.lacking + BLEND * (found - self.lacking)
+        if not np.isfinite(found).all():
+            found = np.where(np.isfinite(found), found, self.lacking)
+        self.lacking = self.lacking + BLEND * (within(found, -self._most, self._most) - self.lacking)
 
     def _torques(self, state: Measured, a: Vec) -> Vec:
         """Torques of the model for this acceleration of the joints."""
@@ -278,7 +299,7 @@ class PolicyFilterSession:
         else:
             tick = self.session.step(state, Reference("policy", free), Reference("lacking", load), now=now)
             x = tick.command
-        sent, changed = self._prediction.end(taken, free, x, state, tick.status.solved)
+        sent, changed = self._prediction.end(taken, free, x, tick.status.solved)
         changed |= taken != requested
         limited: dict[str, float] = {}
         if changed.any():

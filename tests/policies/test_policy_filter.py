@@ -151,14 +151,14 @@ def test_a_file_and_a_batch_send_the_same_bits(kind: str) -> None:
             given = {"policy": free, "lacking": lacking}
         found = file.step(plant.q, plant.v, given)
         x = found.x[joints] if kind == "velocities" else found.x
-        np.testing.assert_array_equal(one.end(taken, free, x, state, True)[0], live.command)
+        np.testing.assert_array_equal(one.end(taken, free, x, True)[0], live.command)
         takens, frees, lackings = many.begin(np.tile(command, (count, 1)), [state] * count)
         given = {"policy": (np.zeros_like(frees), frees)}
         if kind != "velocities":
             given = {"policy": frees, "lacking": lackings}
         ticks = batch.step(np.tile(plant.q, (count, 1)), np.tile(plant.v, (count, 1)), given)
         X = ticks.x[:, joints] if kind == "velocities" else ticks.x
-        sent, _ = many.end(takens, frees, X, [state] * count, np.full(count, True))
+        sent, _ = many.end(takens, frees, X, np.full(count, True))
         np.testing.assert_array_equal(sent, np.tile(live.command, (count, 1)))
         plant.move(live.command)
 
