@@ -17,7 +17,7 @@ SAME = [
     ("solver/judge.hpp", "kLock", "LOCK_TOLERANCE"),
     ("solver/judge.hpp", "kLeastLock", "SMALLEST_LOCK"),
     ("solver/table.hpp", "kGraded", "GRADED_ROWS"),
-    ("solver/lexicographic.hpp", "kActive", "ACTIVITY_TOLERANCE"),
+    ("solver/tolerances.hpp", "kActive", "ACTIVITY_TOLERANCE"),
     ("solver/problem.hpp", "rank_tolerance", "RANK_TOLERANCE"),
     ("solver/problem.hpp", "multiplier_tolerance", "MULTIPLIER_TOLERANCE"),
     ("solver/problem.hpp", "feasibility_tolerance", "FEASIBILITY_TOLERANCE"),

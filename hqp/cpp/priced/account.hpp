@@ -14,8 +14,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kUnmet = 1e-9;  // ||w|| below this, relative to 1 + |target|, has no account
-
 // End of a stage: active rows of higher levels, by their number among all rows, their multipliers in
 // A_k'u + c grad E + grad R_k = sum lambda_i a_i, and a flag for equalities.
 struct StageEnd {
@@ -59,7 +57,7 @@ class Accounts {
         square += w[i] * w[i];
         demanded += off * off;
       }
-      if (std::sqrt(square) > kUnmet * (1.0 + std::sqrt(demanded))) {
+      if (std::sqrt(square) > kActive * (1.0 + std::sqrt(demanded))) {
         push(level, at, w, owner, numbers);
         double* mine = shares + k * width;
         const std::size_t all = static_cast<std::size_t>(start + level.m);
@@ -114,7 +112,7 @@ class Accounts {
     at.row(coefficients(level, i, n_, y_), b_.data());
     const double length = std::sqrt(dot_any(b_.data(), b_.data(), n_));
     return std::abs(bound - row_value(level, i, at.still(), n_)) <= rows.near * length ||
-           std::abs(row_value(level, i, rows.x, n_) - bound) <= 1e-9 * (length + std::abs(bound));
+           std::abs(row_value(level, i, rows.x, n_) - bound) <= kActive * (length + std::abs(bound));
   }
 
   // g_ = A'w in motion coordinates, step_ = P g_; ||A'w|| of each element, and the sum of its rows' squares, in those

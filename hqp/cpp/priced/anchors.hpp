@@ -43,7 +43,7 @@ class Motions {
       : n_(n),
         base_(n, flat),
         here_(n, flat),
-        over_(n, kLost, kNearlyFree, true),
+        over_(n, kLost, kUncertain, true),
         ld_(padded(n)),
         basis_(static_cast<std::size_t>(n) * ld_),
         flat_(static_cast<std::size_t>(n) * ld_),
@@ -224,7 +224,7 @@ class Motions {
     }
     const double most = *std::max_element(stack_.begin(), stack_.end());
     for (int j = 0; j < n_; ++j) {
-      stack_[j] = stack_[j] > kSquareRounding * most ? std::sqrt(stack_[j]) : 0.0;
+      stack_[j] = stack_[j] > kOnRow * kOnRow * most ? std::sqrt(stack_[j]) : 0.0;
       if (stack_[j] > 0.0) target_[j] /= stack_[j];
     }
     Coordinates& to = level ? over_ : here_;

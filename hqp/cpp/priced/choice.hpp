@@ -22,7 +22,7 @@ class Choice {
       : n_(n),
         activity_(activity),
         violation_(violation),
-        at_(n, kLost, kNearlyFree, true),
+        at_(n, kLost, kUncertain, true),
         rows_(n, rows + n, 0, padded(n)),
         least_(n, rows + n, deadline) {
     const std::size_t all = static_cast<std::size_t>(n);

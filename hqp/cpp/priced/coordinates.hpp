@@ -14,10 +14,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFreeShare = 1e-5;  // cost of a null-space coordinate, relative to the least pivot of T
-constexpr double kLost = 1e-8;  // share of a row's length below which it ignores a direction: a sum loses all digits
-constexpr double kNearlyFree = 1e-6;  // cost of such a direction, relative to the least that the row has
-
 class Coordinates {
  public:
   // flat: a direction whose motion is below this fraction of the largest column of F has none.  free: its cost,
@@ -307,7 +303,7 @@ class Coordinates {
     int best = rank_;
     for (int j = rank_; j < n_; ++j)
       if (square_[j] > square_[best]) best = j;
-    if (rank_ % 8 == 0 || !(square_[best] > 1e-8 * last_)) {
+    if (rank_ % 8 == 0 || !(square_[best] > kLost * last_)) {
       for (int j = rank_; j < n_; ++j) {
         const double* c = &columns_[static_cast<std::size_t>(j) * width];
         square_[j] = dot_any(c + rank_, c + rank_, r - rank_);

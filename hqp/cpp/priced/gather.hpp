@@ -13,8 +13,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
-constexpr double kFlatPull = 1e-10;    // largest pull of directions without motion or slacks, by the gradient
+constexpr double kFlatPull = 1e-10;  // largest pull of directions without motion or slacks, by the gradient
 
 class Gather {
  public:
@@ -92,7 +91,7 @@ class Gather {
     if (!priced_) return false;
     double most = 0.0;
     for (int i = own_; i < rows_.count(); ++i) most = larger(most, std::fabs(y_[rows_[i].band]));
-    return aim_.price * kSlackMotion * most > kFlatPull;
+    return aim_.price * kFreeShare * most > kFlatPull;
   }
   // Set the origin of the slacks to their present values.
   void count_slacks_from_here() {
@@ -147,7 +146,7 @@ class Gather {
         }
       }
       // lower <= a x - s <= upper with a slack s = unit y[N] that the level keeps small
-      const double unit = priced_ ? 1.0 / kSlackMotion : 1.0;
+      const double unit = priced_ ? 1.0 / kFreeShare : 1.0;
       rows_.grade(size_, 1.0 / unit);
       if (priced_) T[size_] = unit;
       add_band(bounded(k_, i, level.lower[i], level.upper[i]), unit, levels_.value(k_, i, x));

@@ -15,14 +15,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// Share of a row's length off the held rows above which it holds a direction of its own; the smaller share if the
-// answer would violate a row.
-constexpr double kOpposed = 1e-9, kSame = 1e-12;
-constexpr double kTurned = 1e-14;  // error of a row's direction
-// Rows that the start violates are held to their own bounds, so that the answer does not depend on the start, if this
-// makes the distance no longer than by this share; rows that no point meets together would make it much longer.
-constexpr double kAlike = 1e-3;
-
 class LeastDistance {
  public:
   // n: largest size of y.  deadline: ends every solve.
@@ -32,7 +24,7 @@ class LeastDistance {
       if (placed) arena_.take();
       least_.layout(arena_, n + 1, static_cast<int>(sides));
     }
-    least_.rounding = kTurned;
+    least_.rounding = kNoStep;
     least_.deadline = &deadline;
     columns_.resize(sides * ld_);
     tolerated_.resize(sides);
@@ -60,7 +52,8 @@ class LeastDistance {
     const bool reached = least(count);
     if (reached) {
       const double length = take(y, count, size);
-      if (inside(count) && least(count) && keeps(count) && distance(count, size) <= (1.0 + kAlike) * length)
+      // to the own bounds of rows that the start violates if the point is hardly farther: independent of the start
+      if (inside(count) && least(count) && keeps(count) && distance(count, size) <= (1.0 + kRests) * length)
         take(y, count, size);
     }
     space_.turn_back(y, N);
@@ -74,7 +67,7 @@ class LeastDistance {
   // Return true if a point within the columns is found.
   bool least(int count) {
     bool reached = false;
-    for (const double dependent : {kOpposed, kSame}) {
+    for (const double dependent : {kSeen, kNoRate}) {  // the second if the answer would violate a row
       least_.dependent = dependent;
       reached = std::isfinite(least_.solve(target_.data(), count + 1)) && least_.rest[count] > 0.0;
       if (!reached || keeps(count)) break;

@@ -12,8 +12,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr int kFlatRounds = 100;
-
 class LevelStage {
  public:
   LevelStage(PricedRows& levels, const HandDown& above, Motions& motions, int n, const Tolerances& tolerances,
@@ -60,7 +58,7 @@ class LevelStage {
     bool reached = search(started);
     if (!reached && !started) return false;
     int rounds = 0;  // directions without motion, and slacks, count from where they ended, until that is nothing
-    for (; reached && rounds <= kFlatRounds; ++rounds) {
+    for (; reached && rounds <= kEnough; ++rounds) {
       const bool flat = gather_.flat_counts(at, x.data()), slack = gather_.slacks_count();
       if (!flat && !slack) break;
       if (flat) at.count_flat_from(y);
@@ -71,7 +69,7 @@ class LevelStage {
     const bool uncertain = search_.uncertain() || at.uncertain();
     uncertain_ = uncertain_ || uncertain;
     undecided_ = undecided_ || (!(price > 0.0) && uncertain);
-    inexact_ = inexact_ || rounds > kFlatRounds || search_.strays(y);
+    inexact_ = inexact_ || rounds > kEnough || search_.strays(y);
     note(k, reached);
     at.point(y, x.data());
     if (reached) end_at_[k].clear();

@@ -22,8 +22,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kHolds = 1e-9;   // rows hold, relative to 1 + |value|
-constexpr double kLeast = 1e-6;   // added to |y|: far above the error of x
 constexpr double kShown = 0.9;    // bound of c ||u|| that shows a level
 constexpr double kStale = 0.5;    // d of an inverse to compute anew
 constexpr double kNear = 0.12;    // r of coordinates that p does not move
@@ -157,7 +155,7 @@ class MotionBound {
   void see_to(int k) {
     if (seen_ == 0) {
       at_->motion(x_, row_.data());
-      size_ = std::sqrt(dot_any(row_.data(), row_.data(), n_)) + kLeast;
+      size_ = std::sqrt(dot_any(row_.data(), row_.data(), n_)) + kUncertain;
       std::fill(room_.begin(), room_.end(), 1.0);
       row_room_ = 1.0;
       changed_ = 0.0;
@@ -177,7 +175,7 @@ class MotionBound {
       const double value = level.A ? value_[i] : level.scale[i] * x_[level.index[i]];
       const double low = level.lower[i], high = level.upper[i];
       if (low == high) {
-        met_ = met_ && (!priced || std::abs(value - low) <= kHolds * (1.0 + std::abs(value)));
+        met_ = met_ && (!priced || std::abs(value - low) <= kActive * (1.0 + std::abs(value)));
         continue;
       }
       if (level.left_out(i)) continue;

@@ -115,7 +115,7 @@ class Secular {
       rayleigh += e_of_[i] * (diagonal_[i] * e_of_[i] + (i ? 2.0 * beside_[i - 1] * e_of_[i - 1] : 0.0));
     multiplier_ = larger(least, price * size - rayleigh / (size * size));
     double off = INFINITY, slope;
-    for (int step = 0; step < 60; ++step) {
+    for (int step = 0; step < kEnough; ++step) {
       const double square = at(multiplier_, slope), psi = 1.0 / std::sqrt(square);
       if (!(square > 0.0 && std::isfinite(square))) return false;
       if (step == 0 && multiplier_ == least && !(psi < price)) return false;  // the root lies below
@@ -182,7 +182,7 @@ class Secular {
 
   // One-sided Jacobi: pairs of rows are rotated until all are orthogonal.
   void rotate(double* M, int ld, int N, double* e) {
-    for (int sweep = 0; sweep < 30; ++sweep) {
+    for (int sweep = 0; sweep < kEnough; ++sweep) {
       bool done = true;
       for (int i = 0; i + 1 < m_; ++i) {
         for (int j = i + 1; j < m_; ++j) {
@@ -218,7 +218,7 @@ class Secular {
       norm += e_[i] * e_[i];
     }
     double high = price * std::sqrt(norm), mu = larger(low, kTiny);
-    for (int step = 0; step < 100; ++step) {
+    for (int step = 0; step < kEnough; ++step) {
       double phi = 0.0, slope = 0.0;
       for (int i = 0; i < m_; ++i) {
         const double d = 1.0 / (square_[i] + mu), q = e_[i] * d;

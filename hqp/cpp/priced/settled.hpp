@@ -21,9 +21,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kDepends = 1e-10;  // a row's square below this fraction of itself, off the rows before, is dependent
-constexpr double kLeft = 1e-3;      // remaining share of a direction that allows to take a column out of B
-constexpr int kRounds = 8;          // working sets tried for a level
+constexpr int kRounds = 8;  // working sets tried for a level
 
 class Settled {
  public:
@@ -221,7 +219,7 @@ class Settled {
     for (const double pull : pull_) most = larger(most, std::abs(pull));
     std::size_t left = 0;
     for (std::size_t j = 0; j < set.size(); ++j)
-      if ((set[j] > 0 ? 1.0 : -1.0) * pull_[j] <= 1e-12 * most) set[left++] = set[j];
+      if ((set[j] > 0 ? 1.0 : -1.0) * pull_[j] <= kNoRate * most) set[left++] = set[j];
     bool changed = left < set.size();
     set.resize(left);
     for (int l = 0; l <= k; ++l) {
@@ -231,7 +229,7 @@ class Settled {
         const double value = row_value(level, i, x_.data(), n_);
         double w = slack(value, level.lower[i], level.upper[i]);
         if (w == 0.0) continue;
-        const double allowed = kHolds * (1.0 + std::abs(value));
+        const double allowed = kActive * (1.0 + std::abs(value));
         if (std::abs(w) <= allowed) continue;
         if (!(prices_[l] > 0.0)) {  // an exact level may be off as far as x is
           w -= slack(row_value(level, i, exact_, n_), level.lower[i], level.upper[i]);
@@ -283,10 +281,10 @@ class Settled {
       pivot -= f * f;
       z -= f * z_[j];
     }
-    kept_[c] = pivot > kDepends * square_[c];
+    kept_[c] = pivot > kDirection * square_[c];
     inverse_[c] = kept_[c] ? 1.0 / std::sqrt(pivot) : 0.0;
     z_[c] = z * inverse_[c];
-    consistent_ = consistent_ && (kept_[c] || std::abs(z) <= kHolds * (1.0 + std::abs(target)));
+    consistent_ = consistent_ && (kept_[c] || std::abs(z) <= kActive * (1.0 + std::abs(target)));
   }
 
   // lambda_ of C C' lambda = b, zero for rows that depend on others, pull_ of the set, and x_ = still + P y.
@@ -340,7 +338,7 @@ class Settled {
       for (int i = 0; i < c; ++i) add_any(column_.data(), inverse_row(i), B_[static_cast<std::size_t>(i) * ld_ + j], c);
       double left = 1.0;
       for (int i = 0; i < c; ++i) left -= column_[i] * B_[static_cast<std::size_t>(i) * ld_ + j];
-      if (!(left > kLeft)) return bound_.take(k, whole, INFINITY);
+      if (!(left > kRests)) return bound_.take(k, whole, INFINITY);
       for (int i = 0; i < c; ++i) add_any(inverse_row(i), column_.data(), column_[i] / left, c);
     }
     bound_.take(k, trace(0, c), trace(own, equalities_));

@@ -54,7 +54,7 @@ class StageRows {
   bool add(StageRow row) {
     if (row.lower == -INFINITY && row.upper == INFINITY) return false;
     if (row.band >= 0) row.size = larger(row.size, std::fabs(row.share) * grade_[row.band]);
-    if (!(row.size > 1e-150)) return false;
+    if (!(row.size * row.size > kTiny)) return false;
     if (row.number >= 0) place_[row.number] = static_cast<int>(all_.size());
     formed_[all_.size()] = 0;
     all_.push_back(row);

@@ -18,10 +18,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kOnFace = 1e-12;     // rows that are not held keep to their bounds
-constexpr double kHeldOnFace = 1e-9;  // and those held, of which some may nearly depend on others
-constexpr double kFar = 1e3;          // a start so far away, relative to 1 + |y| at the end, leaves its rounding
-
 // The objective of a stage beside c/2 |y|^2: rows T (m, ld), with the lengths `size` (m) in x.
 struct Aim {
   const double *T = nullptr, *t = nullptr, *size = nullptr;
@@ -83,7 +79,7 @@ class StageSearch {
       const double far = dot_any(y, y, N_);
       reached = descend(working, y, iterations);
       list(working);
-      const bool long_way = far > kFar * kFar * (1.0 + dot_any(y, y, N_));
+      const bool long_way = kRests * kRests * far > (1.0 + dot_any(y, y, N_));
       if (reached && (long_way || leaves_its_face(y))) {  // rounding of the steps has added up
         const double off = off_;
         begin();
@@ -284,7 +280,7 @@ class StageSearch {
     at_point(aim_.data());
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
-      const double off = std::abs(side_[i]) == 1 ? kHeldOnFace : kOnFace, value = row.value(x_.data(), aim_.data(), n_);
+      const double off = std::abs(side_[i]) == 1 ? kActive : kNoRate, value = row.value(x_.data(), aim_.data(), n_);
       if (!(value >= row.lower - allowed(row, off, row.lower) && value <= row.upper + allowed(row, off, row.upper)))
         return false;  // also for NaN
     }
@@ -299,7 +295,7 @@ class StageSearch {
     for (const int i : set_) {
       const StageRow& row = (*rows_)[i];
       const double bound = row.bound(side_[i]);
-      if (std::abs(row.value(x_.data(), y, n_) - bound) > allowed(row, kOnFace, bound)) return true;
+      if (std::abs(row.value(x_.data(), y, n_) - bound) > allowed(row, kNoRate, bound)) return true;
     }
     return false;
   }
@@ -399,7 +395,7 @@ class StageSearch {
       double left = 0.0;
       for (int j = 0; j < N_; ++j) left += row[j] * grade[j] * row[j] * grade[j];
       left = std::sqrt(left);
-      if (left <= kDependent * goal_.size[i]) std::fill(row, row + N_, 0.0);
+      if (left <= kOnRow * goal_.size[i]) std::fill(row, row + N_, 0.0);
       else space_.uncertain = space_.uncertain || left < kUncertain * goal_.size[i];
     }
     secular_.solve(M_.data(), ld_, N_, e_.data(), goal_.m, goal_.price);

@@ -88,9 +88,7 @@ class ActiveSet {
   }
 
  private:
-  static constexpr double kGood = 1e-10;     // an answer that was judged and has a larger gap is lowered level by level
-  static constexpr double kDigits = 1e-12;   // relative accuracy of the data: smaller quantities are unknown
-  static constexpr double kUnmoved = 1e-10;  // x moves by no more, relative: its ranks are certain enough
+  static constexpr double kGood = 1e-10;  // an answer that was judged and has a larger gap is lowered level by level
   static constexpr double kOtherRanks[] = {0.1, 10.0};  // times the rank tolerance: each is nearly as right
   EqualityProblem& problem_ = state.problem;
   BlockExchange exchange_;
@@ -182,8 +180,8 @@ class ActiveSet {
       state.outcome = Outcome::rank_uncertain;
   }
 
-  // Return true if the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative,
-  // under an error of kDigits in the multipliers, another rank tolerance, or growth without doubt.
+  // Return true if the working set has its point elsewhere than at x, or moves it by more than kGood, relative,
+  // under an error of kNoRate in the multipliers, another rank tolerance, or growth without doubt.
   bool moves() {
     Table& table = problem_.table;
     const bool cut = problem_.tableau.cut_by_growth;
@@ -195,7 +193,7 @@ class ActiveSet {
         if (!W[r]) continue;
         double& bound = W[r] == kLower ? table.lower[r] : table.upper[r];
         bound_[r] = bound;
-        const double off = kDigits * (std::fabs(bound) + table.terms(r, x));
+        const double off = kNoRate * (std::fabs(bound) + table.terms(r, x));
         bound += (static_cast<std::uint32_t>(r + 1) * 2654435761u >> (28 + pattern)) & 1u ? off : -off;
       }
       problem_.factorise();
@@ -228,7 +226,7 @@ class ActiveSet {
   bool is_still() const {
     const Table& table = problem_.table;
     const double* x = state.point.x;
-    const double most = kUnmoved * larger(1.0, table.largest(x));
+    const double most = kGood * larger(1.0, table.largest(x));
     for (int i = 0; i < table.n; ++i)
       if (!(std::fabs(table.inside_box(i, problem_.tableau.x[i]) - x[i]) <= most)) return false;
     return true;

@@ -259,7 +259,6 @@ struct Conditions {
  private:
   static constexpr double kTurned = 5e-7;  // largest effect on a gap
   static constexpr double kSeen = 1e-7;    // share of a row: a longer direction is one to every solver
-  static constexpr double kStill = 1e-12;  // a step of a graded level that is no step, relative to x
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
   double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
@@ -278,7 +277,7 @@ struct Conditions {
       state[q] = kAhead;
       if (t.kind[r] != kUpper || !is_row(b, r)) continue;
       const double to_upper = std::fabs(v[q] - t.upper[r]), to_lower = std::fabs(v[q] - t.lower[r]);
-      if (smaller(to_upper, to_lower) <= kStill * size * t.norm[r]) side[q] = to_upper <= to_lower ? kUpper : kLower;
+      if (smaller(to_upper, to_lower) <= kNoRate * size * t.norm[r]) side[q] = to_upper <= to_lower ? kUpper : kLower;
       if (!side[q]) continue;
       state[q] = kOpen;
       own_[own_count_++] = q;
@@ -287,7 +286,7 @@ struct Conditions {
 
   // Return true if a row of a level has a direction: it is not left out, nor zero but for rounding.
   bool is_row(const Block& b, int r) const {
-    return table->kind[r] != kFree && table->norm[r] > larger(kDependent * b.norm, b.rounding);
+    return table->kind[r] != kFree && table->norm[r] > larger(kOnRow * b.norm, b.rounding);
   }
 
   bool is_active(int q) const { return state[q] == kOpen && side[q]; }
@@ -309,7 +308,7 @@ struct Conditions {
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
     reduced.solve(m, f, kNoStep / shortest, more);
-    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kStill, kRounding / kSlop,
+    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kNoRate, kRounding / kSlop,
                               y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
     null_space.rank = base;

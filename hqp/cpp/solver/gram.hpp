@@ -24,7 +24,7 @@ class GramLevel {
     }
     t_.least = kInfinity;
     for (int j = 0; j < t_.rest; ++j) t_.least = smaller(t_.least, t_.diagonal[j]);
-    return t_.least > 1e-6 * most;
+    return t_.least > kUncertain * most;
   }
 
   // minimise sum (s x - b)^2 over the remaining variables: H = D + G' S G, Cholesky; false if H is badly conditioned.
@@ -58,7 +58,7 @@ class GramLevel {
     }
     double trace = 0.0;
     for (int j = 0; j < t_.rest; ++j) trace += t_.H[static_cast<std::ptrdiff_t>(j + 1) * t_.ld + j + 1];
-    if (!(trace < 1e10 * t_.least)) return false;
+    if (!(kDirection * trace < t_.least)) return false;
     s.kind = Stage::kGram;
     cholesky(width);
     multiply_inverse(t_.target);

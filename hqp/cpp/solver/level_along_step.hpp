@@ -38,7 +38,7 @@ struct LevelAlongStep {
   double lowest(double alpha, double flat) const {
     double curvature, low = 0.0, high = alpha, a = alpha;
     const double least = flat * std::fabs(slope(0.0, curvature));
-    for (int turn = 0; turn < 60; ++turn) {
+    for (int turn = 0; turn < kEnough; ++turn) {
       const double s = slope(a, curvature);
       if (a == alpha && s <= least) return alpha;
       if (std::fabs(s) <= least) break;

@@ -48,7 +48,6 @@ class LevelSearch {
   static constexpr int kLast = 16;        // steps without progress that end any level
   static constexpr double kGain = 1e-10;  // least progress, relative to ||w_k||
   static constexpr int kSolves = 20;      // times variables and rows, of one search
-  static constexpr double kGoal = 1e-12;  // gap of a level that is not worth lowering
   Conditions& at_;
   Judge& judge_;
   int kept_count_ = 0;
@@ -60,7 +59,7 @@ class LevelSearch {
     bool moved = false;
     for (int k = 0; k < at_.table->blocks && at_.null_space.freedom(); ++k) {
       double own = at_.gap_of(k);
-      if (own > kGoal) {
+      if (own > kNoRate) {
         own = lower_level(k, own);
         moved = true;
       }
@@ -77,7 +76,7 @@ class LevelSearch {
   double lower_level(int k, double own) {
     double least = kInfinity, nearest = own;
     int stalls = 0;
-    while (own > kGoal && !spent()) {
+    while (own > kNoRate && !spent()) {
       kept_count_ = 0;
       for (int a = 0; a < at_.active; ++a)
         if (at_.columns.passive[a]) kept_[kept_count_++] = at_.id[a];

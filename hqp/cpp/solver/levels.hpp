@@ -75,7 +75,7 @@ class Levels {
     t_.basic = t_.rest = t_.gram_free = t_.extras = t_.newcomers = 0;
     t_.gram_level = -1;
     t_.growth = 1.0;
-    t_.closest = 1e300;
+    t_.closest = kInfinity;
     t_.any_fixed = t_.has_released = t_.cut_by_growth = false;
     for (int k = 0; k < t_.table->blocks; ++k) t_.snapshot[k].valid = false;
     for (int i = 0; i < t_.n; ++i) {

@@ -9,8 +9,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kActive = 1e-9;  // a row is active this near its bound, relative to 1 + |bound|
-
 class Lexicographic final : public Kernel {
  public:
   Lexicographic(int n, int levels, const int* m, bool metric) : n_(n), choice_(n, sum(levels, m), metric), x_(n) {

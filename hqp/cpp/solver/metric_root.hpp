@@ -26,7 +26,7 @@ static inline int metric_root(const double* metric, int n, double* rows, double*
     int p = 0;
     for (int i = 1; i < n; ++i)
       if (left[i] > left[p]) p = i;
-    if (!(left[p] > 1e-10 * largest)) break;
+    if (!(left[p] > kDirection * largest)) break;
     double* row = rows + static_cast<std::ptrdiff_t>(rank) * n;
     const double* given = metric + static_cast<std::ptrdiff_t>(p) * n;
     for (int j = 0; j < n; ++j) row[j] = 0.5 * (given[j] + metric[static_cast<std::ptrdiff_t>(j) * n + p]);

@@ -65,7 +65,7 @@ struct Multipliers {
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
       faint_ = kOnRow * norm * length;
-      clear_ = larger(larger(1e-9, 10.0 * tolerance * tableau->growth) * norm * length, refined ? least : limit);
+      clear_ = larger(larger(kSeen, 10.0 * tolerance * tableau->growth) * norm * length, refined ? least : limit);
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
@@ -98,7 +98,7 @@ struct Multipliers {
       missed = missed || (w[r] != 0.0 && !met(r, W, span));
     }
     if (missed) return std::sqrt(square);
-    const double rounding = 1e-3 * tolerance + kLastDigits * tableau->growth;
+    const double rounding = kRests * tolerance + kLastDigits * tableau->growth;
     doubted = doubted || std::sqrt(square) > rounding * b.norm * t.largest(tableau->x);
     for (int r = b.begin; r < b.end; ++r) w[r] = 0.0;
     return 0.0;
@@ -171,7 +171,7 @@ struct Multipliers {
 
   void own_signs(int k, const std::int8_t* W, double span, double length) {
     const Block& b = table->block[k];
-    const double unclear = larger(1e-8, 10.0 * tolerance * tableau->growth) * length;
+    const double unclear = larger(kLost, 10.0 * tolerance * tableau->growth) * length;
     int left = 0;
     for (int q = 0; q < open_rows; ++q) {
       const int r = open[q];
@@ -193,7 +193,7 @@ struct Multipliers {
 
   // Return true if some sign depends on a multiplier within the rounding of one sweep.
   bool doubtful(int k, double limit, double rounding) const {
-    const double small = 1e6 * rounding;
+    const double small = rounding / kUncertain;
     for (int q = 0; q < open_rows && open[q] < table->block[k].begin; ++q) {
       const double force = std::fabs(lambda[open[q]]) * table->norm[open[q]];
       if (force > limit && force < small) return true;

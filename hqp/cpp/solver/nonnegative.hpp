@@ -17,7 +17,7 @@ class NonnegativeLeastSquares {
   double* mu = nullptr;             // (count,)
   double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
-  double dependent = 1e-12;         // share of a column's length that adds a direction
+  double dependent = kNoRate;       // share of a column's length that adds a direction
   double rounding = 0.0;            // error of a column's direction, over the least that a column before it kept
   Deadline* deadline = nullptr;     // if it ends the search, the result is unusable
 

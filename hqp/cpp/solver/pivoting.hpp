@@ -74,7 +74,7 @@ class Pivoting {
     t_.cut = 0.0;
     while (rank < m && rank < t_.rest) {
       int p = largest_column(width);
-      if (t_.size[p] < 1e-8 * reference) {
+      if (t_.size[p] < kLost * reference) {
         exact_sizes(rank, m, width);
         p = largest_column(width);
         reference = t_.size[p];

@@ -58,7 +58,7 @@ class RowFactor {
     double reference = 0.0, left = 0.0;
     for (rank = 0; rank < most; ++rank) {
       int p = rank ? largest(size_, width_) : 0;
-      if (rank == 0 || size_[p] < 1e-8 * reference) {
+      if (rank == 0 || size_[p] < kLost * reference) {
         measure();
         p = largest(size_, width_);
         reference = size_[p];
@@ -69,7 +69,7 @@ class RowFactor {
         square += t * t;
       }
       left = std::sqrt(square);
-      if (!(left > kDependent)) return left;
+      if (!(left > kOnRow)) return left;
       const double pivot = y_[base + rank] >= 0.0 ? -left : left;
       null.add(y_, left);
       reflect(row(rank), wide_, null.reflection(base + rank), freedom_ - rank, null.factor(base + rank), width_, size_,
@@ -96,7 +96,7 @@ class RowFactor {
       split();
     }
     bool turned = true;
-    for (int sweep = 0; sweep < 30 && turned; ++sweep) {
+    for (int sweep = 0; sweep < kEnough && turned; ++sweep) {
       turned = false;
       for (int i = first; i < rank && !deadline.passed(); ++i)
         for (int j = i + 1; j < rank; ++j) turned = rotate(i, j) || turned;
@@ -115,7 +115,7 @@ class RowFactor {
   }
 
  private:
-  static constexpr double kGap = 1e-4, kTilt = 1e-4;
+  static constexpr double kGap = 1e-4;
   int ld_ = 0, wide_ = 0, width_ = 0, freedom_ = 0, drops_ = 0;
   double** dropped_ = nullptr;
   double *T_ = nullptr, *u_ = nullptr, *L_ = nullptr, *length_ = nullptr, *size_ = nullptr, *weight_ = nullptr,
@@ -156,7 +156,7 @@ class RowFactor {
         tilt = larger(tilt, std::fabs(v[j]));
         direction(j)[i] = -v[j];
       }
-      if (tilt > kTilt) {
+      if (tilt > kGap) {
         for (int k = i; k >= 0; --k) {
           if (k < first) scale(row(k), width_, L(k)[k]);
           for (int j = 0; j < (k < first ? k : first); ++j) subtract(row(k), row(j), -L(k)[j], width_);
@@ -171,8 +171,7 @@ class RowFactor {
     double *a = row(i), *b = row(j);
     const double aa = dot(a, a, width_), bb = dot(b, b, width_), ab = dot(a, b, width_);
     // rows of nothing but rounding are orthogonal to none
-    if (!(std::fabs(ab) > 1e-14 * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kDependent * kDependent)
-      return false;
+    if (!(std::fabs(ab) > kNoStep * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kOnRow * kOnRow) return false;
     const double zeta = (bb - aa) / (2.0 * ab);
     const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
     const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;

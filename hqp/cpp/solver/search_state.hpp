@@ -21,8 +21,6 @@ struct Point {
 
 struct SearchState {
   static constexpr double kTurns = 2.0;    // one more turn like the last, and the remaining work after it
-  static constexpr double kNear = 1e4;     // a pivot this near the rank tolerance, as a ratio, leaves doubt,
-  static constexpr double kGrown = 1e6;    // and so does one that magnifies rounding by so much
   static constexpr double kDoubt = 100.0;  // a pivot this near is no clear decision
 
   EqualityProblem problem;
@@ -82,8 +80,8 @@ struct SearchState {
   // Return true if the solution may depend on rounding or on a rank decision.
   bool doubtful() const {
     const Tableau& tableau = problem.tableau;
-    return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || violations.overlooked ||
-           problem.table.uneven;
+    return tableau.closest < kClear || tableau.growth * kUncertain > 1.0 || multipliers.doubted ||
+           violations.overlooked || problem.table.uneven;
   }
 
   // A x; the equality problem's own where x is its solution to the bit.

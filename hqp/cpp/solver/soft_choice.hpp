@@ -205,13 +205,13 @@ class SoftChoice {
       for (int j = 0; j < free_; ++j) b[j] = own_[j] / length;
       const double base = dot_any(a, x, n_), value = base + length * dot_any(b, rows_.z(), free_);
       const double off = value > high ? value - high : value < low ? value - low : 0.0;
-      double soft = hard ? smaller(softness, SoftRows::kHard) : entries(a) == 1 ? kSingle * softness : softness;
+      double soft = hard ? smaller(softness, kMet) : entries(a) == 1 ? kSingle * softness : softness;
       const double bound = std::fabs(off > 0.0 ? high : low);
       const double past = std::fabs(off) - kViolated * (1.0 + bound) - kMet * size * length;
       unclear_ = unclear_ || (past > 0.0 && !(past > most * length));
       if (past > most * length) {
         low = high = value;
-        soft = smaller(softness, SoftRows::kHard);
+        soft = smaller(softness, kMet);
       }
       rows_.add(base / length, low / length, high / length, soft, length);
     });

@@ -15,8 +15,6 @@ inline namespace HQP_ISA {
 
 class SoftRows {
  public:
-  static constexpr double kHard = 1e-11;  // a softness that keeps rows to their bounds but for rounding
-
   SoftRows(int n, int rows) {
     const std::size_t width = static_cast<std::size_t>(n), all = static_cast<std::size_t>(rows);
     for (auto* part : {&z_, &step_}) part->resize(width);
@@ -46,14 +44,15 @@ class SoftRows {
       side_[k] = out > 0.0 ? 1 : out < 0.0 ? -1 : 0;
     }
     double last = INFINITY;  // the square of the step before, on the same rows
-    for (int round = 0; round < kRounds && solve(); ++round) {
+    for (int round = 0; round < kEnough && solve(); ++round) {
       for (int k = 0; k < count_; ++k) slope_[k] = dot_any(row(k), step_.data(), free_);
       const double length = dot_any(step_.data(), step_.data(), free_), size = dot_any(z_.data(), z_.data(), free_);
       const bool small = length <= kStill * kStill * (1.0 + size);
       double far = 1.0, low = 0.0;
       if (!small && rise(1.0) > 0.0)
-        for (int half = 0; half < kHalvings; ++half) {
+        for (int half = 0; half < kEnough; ++half) {
           const double middle = 0.5 * (low + far);
+          if (!(middle > low && middle < far)) break;
           (rise(middle) > 0.0 ? far : low) = middle;
         }
       const bool other = arrive(), whole = !other || far == 1.0;
@@ -78,7 +77,6 @@ class SoftRows {
  private:
   static constexpr double kStill = 1e-9;   // a step after which the rows that count as exceeded are certain
   static constexpr double kShrinks = 0.1;  // share of the step before: a longer one on the same rows is rounding
-  static constexpr int kRounds = 100, kHalvings = 60;
 
   const double* row(int k) const { return &rows_[static_cast<std::size_t>(k) * free_]; }
 

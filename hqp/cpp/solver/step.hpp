@@ -96,7 +96,7 @@ class Step {
       else
         for (int r = b.begin; r < b.end; ++r)
           if (set_.W[r]) square += dv_[r] * dv_[r];
-      if (std::sqrt(square) > larger(1e-9 * b.norm, b.rounding) * (distance + 1e-3 * size)) return k;
+      if (std::sqrt(square) > larger(kSeen * b.norm, b.rounding) * (distance + kRests * size)) return k;
     }
     return table_.blocks;
   }

@@ -111,7 +111,7 @@ struct Table {
   }
 
   // The size of x for tolerances: its largest entry, at least the rows' rounding.
-  double span(const double* x) const { return larger(1e-3 * reach, largest(x)); }
+  double span(const double* x) const { return larger(kRests * reach, largest(x)); }
 
   double largest(const double* x) const {
     double s = 0.0;
@@ -213,11 +213,11 @@ struct Table {
       Block& b = block[k];
       b.rounding = kRoundingRow * most;
       b.graded = false;
-      const double usual = larger(1e-3 * b.norm, b.rounding);
+      const double usual = larger(kRests * b.norm, b.rounding);
       for (int r = b.begin; r < b.end; ++r) {
         b.graded = b.graded || (kind[r] != kFree && norm[r] < kGraded * b.norm && norm[r] > b.rounding);
         uneven = uneven || (kind[r] != kFree && norm[r] < 1e-5 * b.norm && norm[r] > b.rounding);
-        shortened = shortened || (kind[r] != kFree && norm[r] < 1e10 * b.rounding && norm[r] > b.rounding);
+        shortened = shortened || (kind[r] != kFree && kDirection * norm[r] < b.rounding && norm[r] > b.rounding);
         if (kind[r] == kFree || norm[r] <= usual) continue;
         const double nearest = smaller(std::fabs(lower[r]), std::fabs(upper[r]));
         if (nearest > reach * norm[r]) reach = nearest / norm[r];

@@ -89,7 +89,7 @@ struct Tableau {
   double cut = 0.0;             // length of the direction that ended the latest level, 0 where none did
   bool trusting = false;        // directions count that `growth` casts doubt on,
   bool cut_by_growth = false;   // and were left out because of it
-  double closest = 1e300;       // nearest a pivot came to the rank tolerance, as a ratio >= 1
+  double closest = kInfinity;   // nearest a pivot came to the rank tolerance, as a ratio >= 1
   bool any_fixed = false;
   int gram_free = 0;
   double rank_tolerance = 1e-9;

@@ -10,9 +10,6 @@ class Updates {
  public:
   Updates(Tableau& tableau, Levels& levels) : t_(tableau), levels_(levels) {}
 
-  static constexpr double kSure =
-      1e4;  // a row joins by an update if its pivot is longer than this times the rank tolerance
-
   // Go back to where `level` was reached, now with all that joined since; false where that is lost.
   bool rewind(int level) {
     if (level < 0 || level >= t_.table->blocks) return false;
@@ -81,7 +78,7 @@ class Updates {
     for (int j = 0; j < t_.gram_free; ++j) t_.size[1 + j] = a[t_.free[j]];
     for (int i = t_.reduction.count; i < t_.basic; ++i)
       if (a[t_.base[i]] != 0.0) subtract(t_.size, t_.G + static_cast<std::ptrdiff_t>(i) * t_.ld, a[t_.base[i]], width);
-    if (!join(r, -1, t_.table->norm[r], kSure * t_.zero(static_cast<int>(&b - t_.table->block)))) return false;
+    if (!join(r, -1, t_.table->norm[r], kClear * t_.zero(static_cast<int>(&b - t_.table->block)))) return false;
     t_.newcomer[t_.newcomers++] = Newcomer{r, -1, bound};
     return true;
   }
@@ -194,7 +191,7 @@ class Updates {
     for (int j = 2; j <= t_.gram_free; ++j)
       if (std::fabs(t_.size[j]) > std::fabs(t_.size[q])) q = j;
     const double pivot = t_.size[q];
-    if (!(std::fabs(pivot) > larger(1e-3 * norm, least)) || t_.basic >= t_.n) return false;
+    if (!(std::fabs(pivot) > larger(kRests * norm, least)) || t_.basic >= t_.n) return false;
     Extra& e = t_.extra[t_.extras++];
     e.level = t_.gram_level;
     e.row = row;
