@@ -188,7 +188,7 @@ class JointLoad(_Load):
 
     def inertias(self, robot: Robot) -> tuple[Index, Vec]:
         """(tangent coordinates, inertias) of the joints, ``(k,)`` each; raises DeclarationError for another number."""
-        columns = joint_columns(self, robot, self.joints)
+        columns = robot.actuated if self.joints is None else joint_columns(self, robot, self.joints)
         given = np.atleast_1d(np.asarray(self.inertia, dtype=np.float64))
         if given.size not in (1, columns.size):
             raise self.invalid("inertia", self.inertia, f"one number, or {columns.size} for {columns.size} joints")

@@ -47,7 +47,9 @@ class Loads:
         self.parts: list[dict[str, Any]] = []
         for element in elements:
             plan = plan_of(element, robot)
-            if rows is not None and isinstance(plan, (Payload, ExternalWrench, JointLoad, NominalTorque)):
+            if isinstance(plan, NominalTorque) and rows is None:
+                self._live[element.name] = np.zeros(plan.shape)
+            elif rows is not None and isinstance(plan, (Payload, ExternalWrench, JointLoad, NominalTorque)):
                 self._live[element.name] = np.zeros(plan.shape)
                 self.parts.append({"name": element.name, "plan": plan, "value": self._live[element.name]})
                 rows.load(self.parts[-1])

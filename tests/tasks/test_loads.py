@@ -330,3 +330,27 @@ def test_a_nominal_torque_needs_an_exact_controller(robots: dict[str, Any]) -> N
         stack = Stack(Level(t.Posture()), subject_to=[nominal, *more])
         with pytest.raises(DeclarationError, match="nominal_torque"):
             hqp.Controller(stack, formulation, price=price).session(robot, DT)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_readable_code_has_the_same_loads_of_joints(
+    robots: dict[str, Any], seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python and native code: drawn torques beside the motors and nominal torques give the same command."""
+    robot, rng = robots["panda"], np.random.default_rng(seed)
+    load, nominal = t.JointLoad(inertia=0.1), t.NominalTorque()
+    hand, n = t.Position(frame="panda_hand", name="hand"), robot.actuated.size
+    stack = Stack(Level(hand), subject_to=[*robot.couplings, load, nominal])
+    controller = hqp.Controller(stack, hqp.Torque(holding=None), price=0, deadline=math.inf)
+    native = controller.session(robot, DT)
+    monkeypatch.setattr(hqp.programs.assembly, "native", None)
+    readable = ReadableSession(controller, robot, DT)
+    for _ in range(3):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.2, 0.2, robot.nv), 1.0), rng.normal(size=robot.nv)
+        references = (
+            hand.at(robot.state(q).position("panda_hand") + rng.uniform(-0.1, 0.1, 3)),
+            load.at(rng.uniform(-5.0, 5.0, n)), nominal.at(rng.uniform(-10.0, 10.0, n)),
+        )  # fmt: skip
+        one, two = native.step(robot.state(q, v), *references), readable.step(q, v, *references)
+        assert one.status is two.status is Status.OPTIMAL
+        np.testing.assert_allclose(one.x, two.x, atol=1e-8 * np.abs(one.x).max())
