@@ -429,7 +429,8 @@ class TorqueProgram(Program):
             tau = holding_torque(J, change, U)
             i = int(np.argmax(np.abs(tau)))
             joint = state.robot.joint_names[i]
-            found.append(f"{name}: {self.loads.values[name].round(3).tolist()}, up to {tau[i]:.3g} N m of {joint}")
+            most = f", up to {tau[i]:.3g} N m of {joint}" if tau[i] else ""
+            found.append(f"{name}: {self.loads.values[name].round(3).tolist()}{most}")
         return tuple(found)
 
     def _rest_in_place(self, name: str) -> None:
