@@ -222,8 +222,8 @@ class Workspace final : public hqp::SolveCall {
   // of the first exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
   void account(const Vector& w, const Vector& x, const Vector& multipliers, const Written& out) {
     const Lock lock(busy_);
+    if (elements_ < 0) refuse("accounts() comes first");
     const std::size_t E = static_cast<std::size_t>(elements_), levels = priced_.size();
-    if (!E) refuse("accounts() comes first");
     double* const to = sized(out, 4 * E + levels * (E + 2));
     core_.stages().account({core_.points().data(), sized(w, owner_.size()), owner_.data(), elements_,
                             multipliers.size() ? multipliers.data() : nullptr, multipliers.size(), sized(x, n_), near_},
@@ -352,7 +352,7 @@ class Workspace final : public hqp::SolveCall {
   nb::tuple statuses_, parts_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
   std::vector<std::int32_t> owner_;  // one per row
-  int elements_ = 0;
+  int elements_ = -1;
   double near_ = 0.0;
   Keys key_;
   std::atomic<bool> busy_{false};
