@@ -357,8 +357,10 @@ class Swing:
     RISE: float
     LEAD: float
     FOLLOWS: float
-    HASTENS: float
+    SINKS: float
+    FALLS: float
     left: float
+    soonest: float
     duration: float
     time: float
     x: list[float]
@@ -375,7 +377,7 @@ class Swing:
     def retarget(self, goal: Sequence[float], fastest: float, dt: float) -> None:
         """Move the goal towards another one."""
 
-    def clear(self, z: float) -> None:
+    def clear(self, z: float) -> bool:
         """Rise again, to the swing's height above z."""
 
 class WalkState:
@@ -387,6 +389,8 @@ class WalkState:
     walking: bool
     started: bool
     edge: bool
+    stepped: bool
+    wait: float
     command: _Velocity
     pace: _Velocity
     holds: tuple[_Place, _Place]

@@ -14,17 +14,19 @@ from hqp.walking.gait import check
 RISE, LEAD = _session.Swing.RISE, _session.Swing.LEAD
 """Share of the swing time at the foot's highest point; time before the landing at which it is above its goal [s]."""
 
-FOLLOWS, HASTENS = _session.Swing.FOLLOWS, _session.Swing.HASTENS
-"""Shortest time to a moved goal [s]; downward acceleration of a foot without contact at its landing time [m/s^2]."""
+FOLLOWS, SINKS, FALLS = _session.Swing.FOLLOWS, _session.Swing.SINKS, _session.Swing.FALLS
+"""Shortest time to a moved goal [s]; growth of the downward acceleration of a foot without ground [m/s^3]; largest
+acceleration of a foot on its way down [m/s^2]."""
 
 
 class Swing:
     """Position and yaw of a foot from lift-off to touch-down: each tick a polynomial from where it is to its goal.
 
     start, goal: (x, y, z, yaw) ``(4,)`` [m, rad].  duration [s].  height: above the higher of start and goal [m].
-    search: speed downwards at the goal, which grows after it, until ``depth`` below it [m/s, m].  The foot takes the
-    shorter turn to the yaw of its goal.  The path is twice continuously differentiable while the goal stays where it
-    is; if the goal moves (``retarget``), position, velocity and acceleration stay continuous.
+    search: speed downwards at the goal, LEAD before the landing, which grows after it, until ``depth`` below it
+    [m/s, m].  The foot takes the shorter turn to the yaw of its goal.  The path is twice continuously differentiable
+    while the goal stays where it is; if the goal moves (``retarget``), position, velocity and acceleration stay
+    continuous.
     Raises DeclarationError for fields.
     """
 
@@ -72,9 +74,12 @@ class Swing:
         """Move the goal ``(4,)`` towards another one, over ground, up and in yaw by at most ``fastest`` dt each."""
         self._path.retarget(tuple(_four("goal", goal).tolist()), fastest, dt)
 
-    def clear(self, z: float) -> None:
-        """Rise again, from wherever the path is, to the swing's height above z [m]: the foot has scuffed there."""
-        self._path.clear(z)
+    def clear(self, z: float) -> bool:
+        """Rise again, to the swing's height above z [m] or as high as time allows: the foot has scuffed there.
+
+        Returns false, and changes nothing, if the time does not suffice.
+        """
+        return self._path.clear(z)
 
     def step(self, dt: float) -> tuple[Vec, Vec, Vec]:
         """One tick on: (x, y, z, yaw), its velocity and acceleration, ``(4,)`` each."""

@@ -29,7 +29,7 @@ from hqp.walking import (
 )
 from hqp.walking.footsteps import LEFT, RIGHT, rotation
 from hqp.walking.stacks import Laws
-from hqp.walking.swing import FOLLOWS, HASTENS, LEAD, RISE
+from hqp.walking.swing import FALLS, FOLLOWS, LEAD, RISE, SINKS
 
 REACH = Reach(forward=0.3, least=0.12, most=0.35, turn=0.4)
 STEPS = Footsteps(period=0.75, width=0.17, reach=REACH)
@@ -222,7 +222,7 @@ def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, An
     """The path matches its velocity and acceleration, from start to goal, over the top, then down."""
     swing, start, goal = made
     dt, path = 0.001, []
-    for _ in range(round(swing.duration / dt)):
+    for _ in range(round((swing.duration - LEAD) / dt)):
         path.append(swing.step(dt))
     x, v, a = (np.array(part) for part in zip(*path, strict=True))
     speed, bend = 4.0 * 0.4 / swing.duration, 30.0 * 0.4 / swing.duration**2
@@ -278,14 +278,36 @@ def test_a_goal_that_moves_late_is_followed_without_a_jump() -> None:
 
 
 def test_a_foot_that_finds_no_ground_goes_down_so_far() -> None:
-    swing = Swing(np.zeros(4), np.array([0.2, 0.0, 0.0, 0.0]), 0.5, 0.05, search=0.1, depth=0.03)
+    swing = Swing(np.zeros(4), np.array([0.2, 0.0, 0.0, 0.0]), 0.5, 0.05, search=0.1, depth=0.06)
     z = [swing.step(0.002)[0][2] for _ in range(600)]
     assert z[260] < -0.001
-    assert z[-1] == pytest.approx(-0.03)
-    assert np.diff(z, 2)[252:290] == pytest.approx(-HASTENS * 0.002**2, rel=1e-6)  # faster and faster
+    assert z[-1] == pytest.approx(-0.06)
+    falls = np.diff(z, 2)[237:272] / 0.002**2  # faster and faster, LEAD before the landing
+    assert np.diff(falls)[:20] == pytest.approx(-SINKS * 0.002, rel=1e-3)
+    assert falls[-5:] == pytest.approx(-FALLS, rel=1e-6)
     x, v, _ = swing.step(0.002)
     assert x[0] == pytest.approx(0.2)
     assert not v.any()
+
+
+@settings(max_examples=25)
+@given(swings(), st.integers(0, 10_000))
+def test_a_landing_that_moves_does_not_throw_the_foot(made: tuple[Swing, Any, Any], seed: int) -> None:
+    """Whenever the landing time moves, to no sooner than the foot can follow, its vertical acceleration is bounded."""
+    swing, rng, dt = made[0], np.random.default_rng(seed), 0.002
+    latest = swing.duration * 1.6
+    change = 1.0
+    undisturbed, found = copy.deepcopy(swing), []
+    bound = max(5.0 * FALLS, 1.5 * max(abs(undisturbed.step(dt)[2][2]) for _ in range(int(swing.duration / dt))))
+    for _ in range(int(latest / dt)):
+        if rng.uniform() < 0.02:
+            change = float(rng.uniform())
+        wanted = max(change * latest, swing.time + swing._path.soonest)
+        if swing.left > 0.08:
+            step = float(np.clip(wanted - swing.duration, -3.0 * dt, 3.0 * dt))
+            swing.duration = max(swing.duration + step, swing.time + 0.08)
+        found.append(swing.step(dt)[2][2])
+    assert np.abs(found).max() < bound
 
 
 def test_a_goal_that_moves_bends_the_path_without_a_jump() -> None:

@@ -45,16 +45,25 @@ def test_a_foot_pushed_to_the_ground_lands_where_it_was_to_land() -> None:
 
 def test_a_path_that_is_cleared_rises_smoothly_and_ends_at_its_goal() -> None:
     start, goal = np.array([0.0, 0.1, 0.0, 0.0]), np.array([0.3, 0.1, 0.0, 0.0])
-    swing, dt = Swing(start, goal, 0.5, 0.05), 0.002
+    swing, dt = Swing(start, goal, 0.9, 0.05), 0.002
     heights, speeds = [], []
     while swing.left > dt:
-        if abs(swing.time - 0.32) < 0.5 * dt:
-            swing.clear(0.01)
+        if abs(swing.time - 0.58) < 0.5 * dt:
+            assert swing.clear(0.01)
         x, v, _ = swing.step(dt)
         heights.append(x[2])
         speeds.append(v[2])
-    after = heights[round(0.32 / dt) :]
+    after = heights[round(0.58 / dt) :]
     assert max(after) > 0.05
-    assert heights[-1] < 5e-3
+    assert abs(heights[-1]) < 5e-3
     assert np.abs(np.diff(speeds)).max() < 0.12
     np.testing.assert_allclose(np.gradient(heights, dt)[1:-1], speeds[1:-1], atol=0.03)
+
+
+def test_a_path_without_time_to_rise_goes_on() -> None:
+    swing = Swing(np.zeros(4), np.array([0.3, 0.1, 0.0, 0.0]), 0.5, 0.05)
+    while swing.left > 0.1:
+        swing.step(0.002)
+    before = swing.step(0.002)[0][2]
+    assert not swing.clear(0.01)
+    assert swing.step(0.002)[0][2] < before

@@ -183,6 +183,7 @@ void bind_parts_of_walks(nb::module_& module) {
       .def("clear", &hqp::Swing::clear)
       .def("__deepcopy__", [](const hqp::Swing& self, const nb::handle&) { return self; })
       .def_prop_ro("left", &hqp::Swing::left)
+      .def_prop_ro("soonest", &hqp::Swing::soonest)
       .def_rw("duration", &hqp::Swing::duration)
       .def_rw("time", &hqp::Swing::time)
       .def_rw("x", &hqp::Swing::x)
@@ -190,7 +191,8 @@ void bind_parts_of_walks(nb::module_& module) {
       .def_ro("a", &hqp::Swing::a)
       .def_ro("goal", &hqp::Swing::goal);
   swing.attr("RISE") = hqp::Swing::kRise, swing.attr("LEAD") = hqp::Swing::kLead;
-  swing.attr("FOLLOWS") = hqp::Swing::kFollows, swing.attr("HASTENS") = hqp::Swing::kHastens;
+  swing.attr("FOLLOWS") = hqp::Swing::kFollows, swing.attr("SINKS") = hqp::Swing::kSinks,
+  swing.attr("FALLS") = hqp::Swing::kFalls;
   module.attr("QUICK") = hqp::Ability::kQuick, module.attr("COMFORT") = hqp::Ability::kComfort;
   module.attr("TURNS") = hqp::Ability::kTurns;
 }
@@ -213,6 +215,8 @@ void bind_state(nb::module_& module) {
       .def_rw("walking", &State::walking)
       .def_ro("started", &State::started)
       .def_ro("edge", &State::edge)
+      .def_rw("stepped", &State::stepped)
+      .def_rw("wait", &State::wait)
       .def_rw("swing", &State::swing)
       .def_rw("t", &State::t)
       .def_rw("duration", &State::T)

@@ -33,9 +33,11 @@ class Swing {
 
   static constexpr double kRise = 0.45;     // share of the swing time at the foot's highest point
   static constexpr double kScuff = 0.4;     // share of the remaining time in which a scuffed foot rises again
-  static constexpr double kLead = 0.03;     // time before the landing at which the foot is above its goal [s]
+  static constexpr double kLead = 0.03;     // time before the landing at which the foot is at its goal [s]
   static constexpr double kFollows = 0.06;  // shortest time to a moved goal [s]
-  static constexpr double kHastens = 3.0;   // downward acceleration of a foot that finds no ground in time [m/s^2]
+  static constexpr double kFalls = 10.0;    // largest acceleration of a foot on its way down [m/s^2]
+  static constexpr double kQuintic = 5.77;  // largest acceleration of a quintic over a unit of length and time
+  static constexpr double kSinks = 200.0;   // rate of the acceleration of a foot that finds no ground [m/s^3]
 
   Four x{}, v{}, a{}, goal{};
   double duration = 1.0, time = 0.0, search = 0.0, depth = 0.0;
@@ -44,6 +46,7 @@ class Swing {
   Swing(const Four& start, const Four& to, double seconds, double height, double speed, double deep = 0.06)
       : x(start), goal(seen(to, start)), duration(seconds), search(speed), depth(deep), above_(height) {
     top_ = std::max(x[2], goal[2]) + height;
+    aimed_ = peak_ = kRise * duration;
   }
 
   // Move the goal towards another one, over ground, up and in yaw by at most fastest dt each.
@@ -56,11 +59,29 @@ class Swing {
     for (const int i : {2, 3}) goal[i] += held(next[i] - goal[i], -most, most);
     moved_ = time;
   }
-  // Rise again, from wherever the path is, to the swing's height above z [m]: the foot has scuffed there.
-  void clear(double z) {
-    top_ = std::max(top_, z + above_);
-    peak_ = std::max(peak_, time + kScuff * std::max(left() - kLead, 0.0));
+  double soonest() const { return falling(x[2], v[2]) + kLead; }  // shortest time until it can land [s]
+  // Rise again, from wherever the path is, to the swing's height above z [m] or as high as the time allows: the foot
+  // has scuffed there.  Return false if the time does not suffice for that.
+  bool clear(double z) {
+    const double rest = left() - kLead, up = kScuff * rest, down = rest - up;
+    const double top = std::min(std::max(top_, z + above_), goal[2] + kFalls / kQuintic * down * down);
+    if (up < kFollows || top <= z) return false;
+    top_ = top, cleared_ = aimed_ = peak_ = std::max(cleared_, time + up), falls_ = false;
+    return true;
   }
+  // Go on from a place over ground; if something is in the way there, without motion towards where the path was.
+  void move(const Vec2& place, bool blocked) {
+    const Vec2 off{x[0] - place.x, x[1] - place.y};
+    const double square = dot(off, off);
+    x[0] = place.x, x[1] = place.y;
+    if (!blocked || !(square > 0.0)) return;
+    for (Four* one : {&v, &a}) {
+      const double along = std::max(dot(off, {(*one)[0], (*one)[1]}), 0.0) / square;
+      (*one)[0] -= along * off.x, (*one)[1] -= along * off.y;
+    }
+  }
+  // Go on from a place at rest, down to a goal.
+  void lower(const Four& from, const Four& to) { x = from, v = a = {}, goal = seen(to, from); }
   double left() const { return duration - time; }  // until it is to land [s], negative afterwards
   void step(double dt) {
     const double to_goal = std::max(left() - kLead, moved_ + kFollows - time);
@@ -75,22 +96,38 @@ class Swing {
   }
 
  private:
-  // z after dt: up to the top, down to the goal, and on.
-  AxisState height(const AxisState& now, double to, double dt) const {
-    const double up = std::max(kRise * duration, peak_) - time, rest = left();
-    if (up >= dt) return quintic(now, top_, up, dt);
-    if (up > 0.0) return quintic({top_, 0.0, 0.0}, to, rest - up, dt - up, -search);  // over the top within this tick
+  // Time to the goal from a height, with a speed upwards [s].
+  double falling(double z, double speed) const {
+    const double up = std::max(speed, 0.0) / kFalls;
+    return up + std::sqrt(kQuintic / kFalls * std::max(z + 0.5 * kFalls * up * up - goal[2], 0.0));
+  }
+  // z after dt: up to the top, down to the goal, and on; a path that changes has time for both.
+  AxisState height(const AxisState& now, double to, double dt) {
+    const double rest = left() - kLead, wanted = std::max(kRise * duration, cleared_);
+    if (wanted != aimed_ && !falls_) {
+      aimed_ = wanted, peak_ = std::max(wanted, time + kFollows);
+      falls_ = duration - kLead - peak_ < falling(top_, 0.0);
+    }
+    const double up = peak_ - time;
+    if (!falls_ && up >= dt) return quintic(now, top_, up, dt);
+    if (!falls_) {
+      falls_ = true;
+      if (up > 0.0) return quintic({top_, 0.0, 0.0}, to, rest - up, dt - up, -search);  // over the top within this tick
+    }
     if (rest >= dt) return quintic(now, to, rest, dt, -search);
     const double late = std::min(dt, dt - rest), z = rest > 0.0 ? to : now.x, speed = rest > 0.0 ? -search : now.v;
-    const double found = z + speed * late - 0.5 * kHastens * late * late, lowest = to - depth;
-    return found > lowest ? AxisState{found, speed - kHastens * late, -kHastens} : AxisState{lowest, 0.0, 0.0};
+    const double a = std::max(std::min(now.a, 0.0) - kSinks * late, -kFalls);
+    const double found = z + late * (speed + 0.5 * a * late), lowest = to - depth;
+    return found > lowest ? AxisState{found, speed + a * late, a} : AxisState{lowest, 0.0, 0.0};
   }
   static Four seen(Four to, const Four& before) {  // with the yaw within half a turn of that of `before`
     to[3] = before[3] + wrapped(to[3] - before[3]);
     return to;
   }
 
-  double moved_ = -kFollows, peak_ = -std::numeric_limits<double>::infinity(), top_ = 0.0, above_ = 0.0;
+  double moved_ = -kFollows, top_ = 0.0, above_ = 0.0;
+  double peak_ = 0.0, aimed_ = 0.0, cleared_ = -std::numeric_limits<double>::infinity();  // times of the highest point
+  bool falls_ = false;
 };
 
 }  // namespace hqp
