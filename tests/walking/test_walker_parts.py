@@ -191,18 +191,19 @@ def test_a_foot_lands_with_load_near_its_path_or_its_goal() -> None:
 
 @pytest.mark.parametrize(
     ("z", "path", "goal", "lands"),
-    [(0.026, 0.03, 0.0, True), (0.024, 0.03, 0.0, False), (0.0, 0.019, 0.0, True), (0.0, 0.021, 0.0, False),
-     (0.0, 0.035, 0.02, True)],
+    [(0.0165, 0.021, 0.0, True), (0.0155, 0.021, 0.0, False), (0.0, 0.019, 0.0, True), (0.0, 0.021, 0.0, False),
+     (0.02, 0.039, 0.02, True)],
 )  # fmt: skip
 def test_a_loaded_foot_far_from_both_has_scuffed_and_rises(z: float, path: float, goal: float, lands: bool) -> None:
-    found = landing(share=0.2, t=0.4, z=z, path=path, goal=goal)
+    assert landing(share=0.2, t=0.4, z=z, path=path, goal=goal).state.phase == SHIFT, "no time to rise again"
+    found = landing(share=0.2, t=0.28, z=z, path=path, goal=goal)
     assert (found.state.phase == SHIFT) == lands
     if not lands:
         foot, heights = copy.deepcopy(found.state.swing), []
         while foot.left > 0.0:
             foot.step(0.001)
             heights.append(foot.x[2])
-        assert max(heights) > z + 0.049
+        assert max(heights) > path + 1e-4
 
 
 def test_without_loads_a_foot_lands_in_time() -> None:
@@ -322,11 +323,13 @@ def test_phases_follow_each_other(changed: dict[str, Any], phase: int, duration:
 def test_a_shift_is_followed_by_three_steps() -> None:
     pace, walker = Command(0.2), after(phase=STAND)
     pieces, single, double = walker.native.pieces, haste(Command(0.2)) * GAIT.single, haste(Command(0.2)) * GAIT.double
-    assert [p[0] for p in pieces] == pytest.approx([GAIT.first, *3 * [single, double], single, 0.5])
+    assert [p[0] for p in pieces] == pytest.approx([*2 * [0.5 * GAIT.first], *3 * [single, double], single, 0.5])
     continuous(pieces, (0.0, 0.0))
+    plan = DcmPlan([Piece(duration, np.array(one), np.array(other)) for duration, one, other in pieces], 3.5)
+    np.testing.assert_allclose(plan.at(0.0)[1], (0.0, 0.0), atol=1e-9)  # where the robot rests
     feet = steps(walker.state.holds[RIGHT], pace, 3)
     expected = [feet[0].xy, *(foot.xy for pair in pairwise(feet) for foot in pair), feet[3].xy]
-    np.testing.assert_allclose([p[2] for p in pieces], [*expected, feet[3].xy])
+    np.testing.assert_allclose([p[2] for p in pieces[1:]], [*expected, feet[3].xy])
 
 
 def test_a_swing_goes_on_to_where_its_foot_is_to_land() -> None:
@@ -459,7 +462,8 @@ def test_a_push_moves_the_landing_as_the_adjustment_says(push: tuple[float, floa
         planned=(place(LEFT, 0.0, 0.1), place(RIGHT, 0.1, -0.1), (0.0, 0.0), 0.5),
         swing=swing((foot[0], foot[1], 0.03, 0.0), (0.1, -0.1, 0.0, 0.0), time=t),
     )  # fmt: skip
-    before = walker.state.swing.x
+    before, soonest = walker.state.swing.x, walker.state.swing.soonest
+    assert soonest > 0.05
     walker.at((HERE[0], foot), velocity=(*push, 0.0))
     balance = np.array(walker.native.balance)
     xi = np.array(walker.state.capture_point)
@@ -473,7 +477,7 @@ def test_a_push_moves_the_landing_as_the_adjustment_says(push: tuple[float, floa
     )
     footsteps = Footsteps(period=GAIT.single + GAIT.double, width=0.2, reach=REACH)
     expected, left = adjust(
-        landing, footsteps, xi - balance[2:], ankle, 3.5, now=np.array(before[:2]), soonest=0.05,
+        landing, footsteps, xi - balance[2:], ankle, 3.5, now=np.array(before[:2]), soonest=soonest,
         latest=1.6 * GAIT.single - t, usual=GAIT.single - t, speed=CORRECTION, least=0.015,
     )  # fmt: skip
     assert walker.state.target == pytest.approx((RIGHT, expected.x, expected.y, expected.z, expected.yaw), abs=1e-9)

@@ -35,6 +35,9 @@ struct WalkState {
   double t = 0.0, T = 0.0, since = 0.0, time = 0.0;  // time in the phase, its duration, time in the plan [s]
   double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0, mean = 1.0, heavier = 1.0;
   double sunk[2] = {};
+  double wait = 0.0;     // time from the last landing to the shift of the ZMP [s]
+  Vec3 landed{};         // place of its frame then
+  bool stepped = false;  // true if the latest shift follows a landing
   Vec2 zmp, sum, capture_point;
 
   bool swings() const { return phase == WalkPhase::kSwing; }
@@ -56,6 +59,7 @@ class Walker {
   static constexpr double kTouch = 0.05, kHeld = 5e-3, kDown = 0.02;
   static constexpr double kEarly = 0.55;  // share of the swing time before which a foot does not land
   static constexpr double kLate = 0.015;  // share of the weight that confirms a landing after the swing time
+  static constexpr double kPress = 0.1;   // least share of a foot that has landed
   static constexpr double kFade = 0.08;   // fade time of a torque jump, for a joint's largest torque [s]
   static constexpr double kTake = 0.06;   // shortest time in which a foot's share changes from 0 to 1 [s]
   static constexpr double kIntegral = 0.5, kMost = 0.03;  // integral of the DCM error: gain [1/s], limit [m s]
@@ -150,6 +154,7 @@ class Walker {
     if (!biped_.finite()) return;
     if (!state_.started) start();
     advance(loads);
+    touches_ = loads && state_.swings() && loads[1 - state_.stance] > kTouch * weight_;
     refer();
   }
   bool rubs() const { return !friction_.empty(); }
@@ -176,7 +181,7 @@ class Walker {
   }
 
  private:
-  static constexpr std::size_t kPieces = 2 * (Ability::kMost + 2) + 4;
+  static constexpr std::size_t kPieces = 2 * (Ability::kMost + 2) + 6;
 
   void start() {
     WalkState& s = state_;
@@ -194,20 +199,62 @@ class Walker {
   void advance(const double* loads) {
     WalkState& s = state_;
     if (s.phase == WalkPhase::kStand && s.walking && s.t >= s.T) {
-      s.stance = kRight;
+      s.stance = kRight, s.wait = 0.0, s.stepped = false;
       enter(WalkPhase::kShift, gait_.first);
     } else if (s.phase == WalkPhase::kShift && s.t >= s.T) {
       s.pace = ability_.paced(s.pace, s.command);
       enter(WalkPhase::kSwing, haste() * gait_.single_support);
+    } else if (s.phase == WalkPhase::kShift && lost(loads)) {
+      swing_on();
     } else if (s.swings() && landed(loads)) {
       const int side = 1 - s.stance;
       s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
       s.sunk[side] = held(s.sunk[side] + 0.7 * (biped_.position[side][2] - s.swing.x[2]), -kSag, kSag);
       s.stance = side;
       s.share = static_cast<double>(1 - side);  // the other foot still bears it all
+      s.stepped = true, s.wait = 0.0, s.landed = biped_.position[side];
       const bool last = !s.walking && s.pace == Command();
+      const double most = std::max(s.T - s.t, 0.0);
       enter(last ? WalkPhase::kStand : WalkPhase::kShift, doubled(s.pace, last));
+      if (loads) pause(most);
     }
+  }
+  // Begin the shift after a landing later, by at most some time, or do it faster, so that the DCM is least off its
+  // plan.
+  void pause(double most) {
+    WalkState& s = state_;
+    const double usual = s.T, least = std::min(kTake, usual) - usual;
+    const Vec2 com{biped_.com[0], biped_.com[1]}, rate{biped_.velocity[0], biped_.velocity[1]};
+    double smallest = std::numeric_limits<double>::infinity(), best = 0.0;
+    const auto plan = [&](double wait) { s.wait = wait, s.T = usual + wait, plan_ahead(); };
+    for (int k = 0; k <= kLandingTimes; ++k) {
+      const double wait = least + k * (most - least) / kLandingTimes;
+      plan(wait);
+      const Vec2 off = com + rate / omega_ - dcm_.at(0.0).second;
+      if (dot(off, off) < smallest) smallest = dot(off, off), best = wait;
+    }
+    plan(best);
+  }
+  // True if the foot that has landed last bears nothing: it has touched an edge or a riser, and stands on air.
+  bool lost(const double* loads) {
+    WalkState& s = state_;
+    if (!loads || !s.stepped) return false;
+    const Vec3 off = biped_.position[s.stance] - s.landed;
+    return loads[s.stance] < kLate * weight_ && dot(off, off) > kHeld * kHeld;
+  }
+  // Lower the foot that has lost the ground from where it is.
+  void swing_on() {
+    WalkState& s = state_;
+    const int side = s.stance;
+    s.stance = 1 - side, s.share = static_cast<double>(s.stance);
+    s.swing.time += s.t;
+    s.phase = WalkPhase::kSwing, s.entered = true, s.t = s.swing.time, s.T = s.swing.duration;
+    const Vec3& p = biped_.position[side];
+    s.nominal = s.target = s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
+    s.swing.lower({p[0], p[1], p[2], biped_.yaw(side)}, goal());
+    plan_ahead();
+    const double rest = std::max(s.swing.left(), 0.0);
+    s.planned = {s.holds[s.stance], s.nominal, dcm_.at(rest).second - s.nominal.xy(), rest};
   }
   // True if the swing foot stands: its time is up, or it bears load near its path or its goal.
   bool landed(const double* loads) {
@@ -216,8 +263,7 @@ class Walker {
     const double least = s.t < s.T ? kTouch : kLate;
     if (loads[1 - s.stance] > least * weight_ && s.t > kEarly * s.T) {
       const double z = biped_.position[1 - s.stance][2], path = s.swing.x[2];
-      if (z > path - kHeld || path < s.swing.goal[2] + kDown) return true;
-      s.swing.clear(z);
+      if (z > path - kHeld || path < s.swing.goal[2] + kDown || !s.swing.clear(z)) return true;
     }
     return s.t > s.T + gait_.patience;
   }
@@ -247,10 +293,12 @@ class Walker {
       at = where;
     };
     const auto middle = [&] { return 0.5 * (holds[0].xy() + holds[1].xy()); };
-    if (s.phase == WalkPhase::kStand) {
-      to(std::max(s.T - s.t, dt_), middle());
-    } else {
-      if (s.phase == WalkPhase::kShift) to(std::max(s.T - s.t, dt_), holds[stance].xy());
+    if (!s.swings()) {
+      to(s.wait, at);
+      const double rest = std::max(s.T - std::max(s.wait, 0.0) - s.t, dt_);
+      to(rest, s.phase == WalkPhase::kStand ? middle() : holds[stance].xy());
+    }
+    if (s.phase != WalkPhase::kStand) {
       const std::size_t swings = s.swings() ? 1 : 0;
       if (!s.walking && swings && s.pace == Command()) paces_.clear();
       else ability_.paces(s.pace, s.command, paces_);
@@ -268,8 +316,22 @@ class Walker {
       if (s.walking) to(ability_.haste(s.command) * gait_.single_support, holds[stance].xy());
     }
     to(0.5, at);
+    const Vec2 before = dcm_.duration() > 0.0 ? dcm_.at(s.since).second : s.zmp;
     dcm_.plan(pieces_, omega_);
+    if (s.phase == WalkPhase::kShift && !s.stepped) lead_away(before);
     s.since = 0.0;
+  }
+  // Let the ZMP of the first shift lead the DCM away from where it is: half way it is displaced by d, with
+  // xi(0) += d (1 - exp(-omega T / 2))^2 / (omega T / 2).
+  void lead_away(const Vec2& dcm) {
+    const Piece shift = pieces_.front();
+    const double half = 0.5 * shift.duration, part = 1.0 - std::exp(-omega_ * half);
+    support_->stand(true, true);
+    const Vec2 off = omega_ * half / (part * part) * (dcm - dcm_.at(0.0).second);
+    const Vec2 middle = support_->nearest(0.5 * (shift.start + shift.end) + off);
+    pieces_.front() = {half, shift.start, middle};
+    pieces_.insert(pieces_.begin() + 1, {half, middle, shift.end});
+    dcm_.plan(pieces_, omega_);
   }
   double haste() const { return ability_.haste(state_.pace); }
   // Time of both feet on the ground after a step [s].
@@ -341,6 +403,8 @@ class Walker {
     const double left = s.T - s.t;
     if (s.phase == WalkPhase::kShift && left < 2.0 * kTake)
       share += (s.stance - share) * std::min(1.0, (2.0 * kTake - left) / kTake);
+    if (s.phase == WalkPhase::kShift && s.stepped)  // press on the foot that has landed
+      share = s.stance == kRight ? std::max(share, kPress) : std::min(share, 1.0 - kPress);
     const double most = dt_ / kTake;
     return s.share += held(share - s.share, -most, most);
   }
@@ -355,8 +419,9 @@ class Walker {
       planned.left = left;
       const Vec2 middle = turned(s.swing.x[3], soles_[std::size_t(s.target.side)].middle);
       const Vec2 now = Vec2{s.swing.x[0], s.swing.x[1]} + middle;
-      std::tie(s.target, left) = adjusted(planned, footsteps_, error, ankle, omega_,
-                                          {now, kSoonest, kLongest * single - s.t, single - s.t, speed, kLeast});
+      std::tie(s.target, left) =
+          adjusted(planned, footsteps_, error, ankle, omega_,
+                   {now, std::max(kSoonest, s.swing.soonest()), kLongest * single - s.t, single - s.t, speed, kLeast});
     }
     s.swing.retarget(goal(), speed, dt_);
     const double later = s.t + left - s.T;
@@ -374,7 +439,7 @@ class Walker {
     const Swing& path = s.swing;
     const Vec3& here = biped_.position[side];
     const Vec2 place{here[0], here[1]}, at = place + within(Vec2{path.x[0], path.x[1]} - place, kAhead);
-    s.swing.x[0] = at.x, s.swing.x[1] = at.y;
+    s.swing.move(at, touches_);
     s.swing.x[2] = std::max(path.x[2], here[2] - kAhead);
     const double z = s.swing.x[2] - s.sunk[side] * std::min(1.0, s.t / (0.3 * s.T));
     const double c = std::cos(path.x[3]), sine = std::sin(path.x[3]);
@@ -399,7 +464,7 @@ class Walker {
   std::array<double, 9> upright_{};
   std::vector<double> limits_, rest_, sent_, overcome_;
   std::vector<JointFriction> friction_;
-  bool has_sent_ = false;
+  bool has_sent_ = false, touches_ = false;  // touches: the swing foot bears load
   BipedState biped_;
   std::unique_ptr<Support> support_;
   WalkState state_;

@@ -1,0 +1,180 @@
+"""Feet that meet the ground sooner, later, or only for a moment; the plan of the DCM follows them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp.robots
+from hqp import _session
+from hqp.estimation.rotations import about_vertical
+from hqp.walking import Walker
+
+DT = 0.002
+SHIFT, SWING = 1, 2
+TAKE = _session.Walker.TAKE
+
+
+class Pendulum:
+    """A native walker of a robot on a linear pendulum, with soles that follow their references, on ground at 0."""
+
+    def __init__(self, name: str, heading: float, speed: float) -> None:
+        robot = hqp.robots.load(name, rotors=True)
+        walker = Walker(robot, dt=DT, deadline=math.inf)
+        self.omega, self.height, self.weight = walker.omega, walker.height, walker.weight
+        self.native = _session.Walker(walker.tree(robot.copy()))
+        self.motors = int(np.count_nonzero(robot.actuated)) if robot.actuated.dtype == bool else len(robot.actuated)
+        state = robot.state(walker.start)
+        self.turn = about_vertical(heading)
+        self.soles = [
+            [*(self.turn @ state.position(foot.frame)), *(self.turn @ state.rotation(foot.frame)).ravel()]
+            for foot in walker.feet
+        ]
+        self.com = self.turn @ state.com()
+        self.velocity, self.loads, self.path = np.zeros(3), np.full(2, 0.5 * self.weight), np.zeros(3)
+        self.step()
+        self.native.go((speed, 0.0, 0.0))
+
+    @property
+    def state(self) -> Any:
+        return self.native.state
+
+    @property
+    def error(self) -> float:
+        """Distance of the DCM from its plan [m]."""
+        return float(np.linalg.norm(np.array(self.state.capture_point) - np.array(self.native.balance)[2:]))
+
+    def step(self) -> None:
+        """One tick; the ZMP leads the DCM back to its plan."""
+        self.native.step_on(self.com.tolist(), self.velocity.tolist(), [tuple(sole) for sole in self.soles], self.loads)
+        swings = self.state.phase == SWING
+        if swings:
+            pose = np.array(self.native.swing).reshape(4, 4)
+            self.soles[1 - self.state.stance] = [*pose[:3, 3], *pose[:3, :3].ravel()]
+            self.loads = np.where(np.arange(2) == self.state.stance, self.weight, 0.0)
+        else:
+            self.loads = np.array([1.0 - self.native.share, self.native.share]) * self.weight
+        off = np.array(self.state.capture_point) - np.array(self.native.balance)[2:]
+        zmp = np.array(self.native.balance)[:2] + 2.0 * off
+        self.velocity[:2] += DT * self.omega**2 * (self.com[:2] - zmp)
+        self.com[:2] += DT * self.velocity[:2]
+        self.native.finish(np.zeros(self.motors), self.loads)
+
+    def until(self, phase: int, share: float = 0.0) -> None:
+        """Steps until a share of the time of a phase."""
+        for _ in range(3000):
+            if self.state.phase == phase and self.state.t >= share * self.state.duration:
+                return
+            self.step()
+        raise AssertionError("the phase does not come")
+
+    def touch(self, share: float) -> None:
+        """Load on the swing foot from the next tick on."""
+        self.loads[1 - self.state.stance] = share * self.weight
+
+
+ROBOTS = "g1", "talos"
+LIMIT = 0.012
+"""Largest distance of the DCM from its plan after a landing before its time; 0.015 to 0.06 without a wait [m]."""
+
+
+def draws(count: int) -> list[tuple[str, float, float, float]]:
+    """Robot, heading [rad], speed [m/s], landing as a share of the swing time."""
+    rng = np.random.default_rng(7)
+    return [
+        (ROBOTS[k % 2], float(rng.uniform(-3.1, 3.1)), float(rng.uniform(0.05, 0.25)), float(rng.uniform(0.7, 1.0)))
+        for k in range(count)
+    ]
+
+
+@pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(4))
+def test_a_walk_begins_with_the_dcm_on_its_plan(name: str, heading: float, speed: float, share: float) -> None:
+    robot, errors = Pendulum(name, heading, speed), []
+    robot.until(SHIFT)
+    while robot.state.phase == SHIFT:
+        robot.step()
+        errors.append(robot.error)
+    assert max(errors) < 2e-3
+
+
+@pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(6))
+def test_a_foot_that_lands_early_leaves_the_dcm_on_its_plan(
+    name: str, heading: float, speed: float, share: float
+) -> None:
+    robot, errors = Pendulum(name, heading, speed), []
+    for _ in range(3):
+        robot.until(SWING, share)
+        before = robot.state.stance
+        robot.touch(0.2)
+        robot.step()
+        assert (robot.state.phase, robot.state.stance) == (SHIFT, 1 - before)
+        errors.append(robot.error)
+    assert max(errors) < LIMIT
+
+
+@pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(4))
+def test_a_foot_that_landed_on_air_goes_on_down(name: str, heading: float, speed: float, share: float) -> None:
+    """It touches something at a height and loses it again: the other foot stands on, and the foot comes down."""
+    robot = Pendulum(name, heading, speed)
+    robot.until(SWING, share)
+    stance, height = robot.state.stance, robot.soles[1 - robot.state.stance][2]
+    robot.touch(0.2)
+    robot.step()
+    assert robot.state.phase == SHIFT
+    lost = False
+    for _ in range(200):
+        if robot.state.phase == SHIFT:  # the foot sinks without load
+            robot.soles[1 - stance][2] -= 3e-4
+            robot.loads = np.where(np.arange(2) == stance, robot.weight, 0.0)
+        robot.step()
+        lost |= robot.state.phase == SWING
+        assert robot.state.phase == SWING or not lost
+        assert robot.state.phase == SHIFT or robot.state.stance == stance
+        if lost and robot.soles[1 - stance][2] < height - 0.02:
+            return
+    raise AssertionError("the foot stays in the air")
+
+
+def test_a_foot_that_stands_without_load_has_not_lost_the_ground() -> None:
+    robot = Pendulum("g1", 0.4, 0.2)
+    robot.until(SWING, 0.95)
+    stance = robot.state.stance
+    robot.touch(0.2)
+    robot.step()
+    while robot.state.t < robot.state.duration - DT:
+        robot.loads = np.where(np.arange(2) == stance, robot.weight, 0.0)
+        robot.step()
+        assert robot.state.phase == SHIFT
+
+
+def test_a_foot_that_has_landed_is_pressed_on() -> None:
+    robot = Pendulum("g1", -1.0, 0.2)
+    robot.until(SWING, 0.7)
+    robot.touch(0.2)
+    robot.step()
+    shares = []
+    while robot.state.phase == SHIFT:
+        shares.append(robot.native.share if robot.state.stance else 1.0 - robot.native.share)
+        robot.step()
+    assert min(shares[round(TAKE / DT) :]) > 0.09
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("name", "speed"), [("g1", 0.25), ("talos", 0.3)])
+def test_it_walks_onto_a_step_that_it_does_not_see(name: str, speed: float, seed: int) -> None:
+    """A step of 30 mm at a drawn place, with noise: toes meet its riser, soles its edge."""
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    from hqp.robots.terrain import Step
+
+    start = float(np.random.default_rng(seed).uniform(0.3, 0.5))
+    walker = Walker(hqp.robots.load(name, rotors=True), dt=DT, deadline=math.inf)
+    course = course_of(walker, terrain=Step(friction=0.5, rise=0.03, start=start), seed=seed)
+    walker.go(speed)
+    while walker.time < 8.0 and not course.fallen:
+        course.step()
+    assert not course.fallen
+    assert course.plant.com()[0] > start + 0.3
