@@ -1,4 +1,4 @@
-"""Random hierarchies of many kinds, solved and judged by the certificate: ``python -m tests.solvers.fuzz``.
+"""Random hierarchies of many kinds, solved and judged by the certificate: ``python -m tests.solvers.fuzz [--priced]``.
 
 Every solved answer must pass the certificate; a second solve in the same workspace must give the same level norms.  A
 failure is printed as ``kind seed tick``; ``problem(kind, seed)`` reproduces it.
@@ -7,6 +7,7 @@ failure is printed as ``kind seed tick``; ``problem(kind, seed)`` reproduces it.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from collections import Counter
@@ -18,6 +19,7 @@ import numpy as np
 import hqp
 from hqp import Hierarchy, Solution, Status, certificate
 from tests.scenes.kinds import KINDS, problem
+from tests.scenes.priced import in_a_loop, is_unsure
 
 TOLERANCES = (1e-6, 1e-8)
 """An answer is wrong if the certificate refuses it at every tolerance; the looser one also reads activity loosely."""
@@ -82,6 +84,29 @@ def run(kinds: list[str], start: int, count: int, seconds: float, **options: obj
     return found
 
 
+def run_priced(kinds: list[str], start: int, count: int, seconds: float) -> dict[str, Count]:
+    """Solve ``count`` priced problems of every kind as in a loop, with and without flat motion.
+
+    Answers that say that they are unsure count as unsolved; each other one must pass the certificate at 1e-8.
+    """
+    solver, found = hqp.solvers.load("lexicographic"), {name: Count() for name in kinds}
+    begin = time.perf_counter()
+    for seed in range(start, start + count):
+        for name, flat in itertools.product(kinds, (False, True)):
+            if time.perf_counter() - begin > seconds:
+                return found
+            case, solution = in_a_loop(solver, name, seed, flat)
+            one, title = found[name], f"{name} {seed}{' flat' * flat}"
+            one.problems += 1
+            one.status[solution.status.name] += 1
+            one.slowest = max(one.slowest, solution.stats.solve_s)
+            if not solution.status.solved or is_unsure(solution):
+                one.unsolved.append(title)
+            elif not (verdict := certificate(case, solution.x, TOLERANCES[-1], solution.stage_points)).ok:
+                one.refused.append(f"{title} {solution.status.name} {verdict.gap:.1e}")
+    return found
+
+
 def _judge(count: Count, name: str, problem: Hierarchy, solution: Solution) -> None:
     count.problems += 1
     count.status[solution.status.name] += 1
@@ -100,10 +125,12 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
     parser.add_argument("--count", type=int, default=1000, help="problems of each kind")
     parser.add_argument("--start", type=int, default=0, help="first seed")
+    parser.add_argument("--priced", action="store_true", help="with prices, as in a control loop")
     parser.add_argument("--seconds", type=float, default=1e9)
     parser.add_argument("--json", type=Path, default=None)
     arguments = parser.parse_args()
-    found = run(arguments.kinds, arguments.start, arguments.count, arguments.seconds)
+    solve = run_priced if arguments.priced else run
+    found = solve(arguments.kinds, arguments.start, arguments.count, arguments.seconds)
     for name, count in found.items():
         print(
             f"{name:14} {count.problems:7} {dict(count.status)} refused {len(count.refused)} disagree "
