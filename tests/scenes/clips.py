@@ -91,6 +91,20 @@ def squat(rng: Any) -> Motion:
     return p.motion()
 
 
+def bend(rng: Any) -> Motion:
+    """A deep crouch with the trunk on the thighs, and up; no clip of the page."""
+    slow, deep, lean = rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.6), rng.uniform(0.6, 1.2)
+    p = Puppet(2.0 * slow + 1.2)
+    down = bump(p.times, 0.3, 0.3 + slow, 0.7 + slow, 0.7 + 2.0 * slow)
+    p.hips += np.outer(down, [-0.2 * deep, 0.0, -deep])
+    p.lean += lean * down
+    for arm in p.ahead:
+        arm += rng.uniform(0.2, 1.2) * down
+    for arm in p.raised:
+        arm += rng.uniform(0.0, 0.4) * down
+    return p.motion()
+
+
 def dab(rng: Any) -> Motion:
     """A step aside, one arm up and the other across, the trunk bent aside."""
     p, side, wide = Puppet(3.5), rng.choice([0, 1]), rng.uniform(0.1, 0.2)
