@@ -59,6 +59,7 @@ class Stacks:
         self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True, flat: bool = False
     ) -> None:
         law, below = P(min(GAIN, 0.5 / dt)), P(min(BELOW, 0.5 / dt))
+        self._dt = dt
         self.robot, self.frames, self.body, self._map, self.flat = robot, found.frames, body, found, flat
 
         def point(part: str, offset: tuple[float, float, float], name: str, law: P) -> Position:
@@ -123,6 +124,7 @@ class Stacks:
             found.append(Within(height, lower=0.0, rate=rate, recovery=RECOVERY, name=f"{height.name}_floor"))
         self.links = self._links()
         links = self.links if collision else ()
+        self.collision = bool(links)
         if links:
             floor, pairs = shapes.half_space(FLOOR), tuple((link, FLOOR) for link in links)
             avoided: dict[str, dict[str, Any]] = {"self_collision": {}, FLOOR: {"pairs": pairs, "world": (floor,)}}
@@ -139,6 +141,10 @@ class Stacks:
                     )
                 )
         return found
+
+    def without_collision(self) -> Stacks:
+        """The same without self-collision."""
+        return Stacks(self.robot, self._map, self.body, self._dt, collision=False, flat=self.flat)
 
     def _links(self) -> tuple[str, ...]:
         """Links that are to stay above the floor: all but the feet, whose edges have bounds of their own.

@@ -107,6 +107,10 @@ class Tracker:
         }
         self._resting = {side: targets.contacts.resting[f"{side}_foot"] for side in SIDES}
 
+    def without_collision(self) -> Tracker:
+        """The same, for links that may pass through each other."""
+        return Tracker(self.robot, self.stacks.without_collision(), self.targets)
+
     def feet(self, i: int, j: int) -> dict[str, int]:
         """Support of the feet that stand from frame i to frame j: 0 the sole, 1 the toe, -1 the heel."""
         stand = (side for side in SIDES if self._resting[side][i] and self._resting[side][j])
