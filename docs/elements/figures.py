@@ -586,6 +586,46 @@ def loads() -> None:
     )
 
 
+def nominal_torque() -> None:
+    """UR5, floating with friction of 1 N m in its joints: a hand pushes it down, onto a virtual floor or not."""
+    figure, axes = plt.subplots(1, 2, figsize=(7.6, 2.8))
+    robot = hqp.robots.load("ur5")
+    robot.set_home([0.0, -1.4, 1.9, -2.0708, 1.5708, 0.0])
+    hand, force = t.Position(frame="tool0", axes="z"), np.zeros(6)
+    floor = t.Within(hand, lower=-0.05, law=PD(400.0), name="floor")
+    friction, nominal = t.JointLoad(), t.NominalTorque()
+    push = t.ExternalWrench(frame="tool0", resisted=False)
+    start = robot.state().position("tool0").copy()
+    for label, bounds in (("floating", []), ("a floor 5 cm below", [floor])):
+        stack = Stack(subject_to=[*bounds, friction, nominal, push])
+        session = hqp.Controller(
+            stack, hqp.Torque(holding=None), price=0, deadline=math.inf
+        ).session(robot, DT)
+        data, held = robot.model.createData(), robot.model.createData()
+        q, v, found, changes = robot.home, np.zeros(robot.nv), [], []
+        for k in range(500):
+            force[2] = -20.0 * (k > 100)
+            d, state = -np.tanh(v / 0.05), robot.state(q, v)
+            gravity = pin.computeGeneralizedGravity(robot.model, held, q)
+            tau_n = gravity - d - 4.0 * v
+            pulled = state.jacobian("tool0").T @ force
+            given = [friction.at(d), nominal.at(tau_n), push.at(force)]
+            tick = session.step(state, *given, *(e.at(start[2:]) for e in bounds))
+            changes.append(np.abs(tick.command - tau_n).max())
+            pulled += tick.command + d
+            v = v + DT * pin.aba(robot.model, data, q, v, pulled)
+            q = robot.integrate(q, v, DT)
+            found.append(robot.state(q).position("tool0")[2] - start[2])
+        panel(axes[0], 100 * np.array(found), label)
+        panel(axes[1], np.array(changes), label)
+    finish(
+        figure,
+        "nominal_torque",
+        (axes[0], "height of the hand, pushed down by 20 N [cm]"),
+        (axes[1], "largest change of the nominal torque [N m]"),
+    )
+
+
 def balance() -> None:
     """Shift of the load onto the left foot: the DCM converges to its plan; the loads follow their share."""
     from hqp.walking import DcmPlan, Piece, natural_frequency
@@ -709,7 +749,7 @@ def compliance() -> None:
 
 ALL = (
     compliance, balance, within, support_polygon, directions, distance, weld, rates, manipulability, frozen, frame_speed, motors, balls,
-    joint_torque, holding, loads,
+    joint_torque, holding, loads, nominal_torque,
 )  # fmt: skip
 
 if __name__ == "__main__":
