@@ -14,6 +14,9 @@ from hqp.estimation import FeetEstimator
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(
+    reason="issue 51: short slips are not reported since feet land later; the base is off by 0.2 m", strict=True
+)
 def test_a_walk_on_a_floor_that_is_slippery_under_one_foot() -> None:
     """mu is 0.2 under G1's right foot, at 0.3 m/s: its slip is reported soon, and no other foot's.
 
