@@ -143,7 +143,7 @@ class Stacks:
         return found
 
     def without_collision(self) -> Stacks:
-        """The same without self-collision."""
+        """Return these stacks without self-collision."""
         return Stacks(self.robot, self._map, self.body, self._dt, collision=False, flat=self.flat)
 
     def _links(self) -> tuple[str, ...]:

@@ -108,7 +108,7 @@ class Tracker:
         self._resting = {side: targets.contacts.resting[f"{side}_foot"] for side in SIDES}
 
     def without_collision(self) -> Tracker:
-        """The same, for links that may pass through each other."""
+        """Return a tracker of the same targets whose links may pass through each other."""
         return Tracker(self.robot, self.stacks.without_collision(), self.targets)
 
     def feet(self, i: int, j: int) -> dict[str, int]:

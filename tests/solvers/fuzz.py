@@ -87,7 +87,7 @@ def run(kinds: list[str], start: int, count: int, seconds: float, **options: obj
 def run_priced(kinds: list[str], start: int, count: int, seconds: float) -> dict[str, Count]:
     """Solve ``count`` priced problems of every kind as in a loop, with and without flat motion.
 
-    Answers that say that they are unsure count as unsolved; each other one must pass the certificate at 1e-8.
+    Answers with an uncertain status count as unsolved; each other one must pass the certificate at 1e-8.
     """
     solver, found = hqp.solvers.load("lexicographic"), {name: Count() for name in kinds}
     begin = time.perf_counter()

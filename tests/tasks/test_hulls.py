@@ -126,9 +126,11 @@ def test_what_the_rows_allow_does_not_touch(name: str) -> None:
 
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_rows_of_hulls_exclude_what_touches(name: str) -> None:
-    """Of the drawn configurations that the rows of a pair of links exclude at clearance 0, the shapes touch in a third
-    at least (a quarter of the drawn ones, for the draw): a leg that bends as far as its joints allow passes its pelvis
-    at a few millimetres."""
+    """The shapes of a pair of links touch in a third of the configurations that its rows exclude at clearance 0.
+
+    The bound is a quarter, for the draw.  A leg that bends as far as its joints allow passes its pelvis at a few
+    millimetres.
+    """
     robot = hqp.robots.load(name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -326,7 +326,7 @@ def test_a_shift_is_followed_by_three_steps() -> None:
     assert [p[0] for p in pieces] == pytest.approx([*2 * [0.5 * GAIT.first], *3 * [single, double], single, 0.5])
     continuous(pieces, (0.0, 0.0))
     plan = DcmPlan([Piece(duration, np.array(one), np.array(other)) for duration, one, other in pieces], 3.5)
-    np.testing.assert_allclose(plan.at(0.0)[1], (0.0, 0.0), atol=1e-9)  # where the robot rests
+    np.testing.assert_allclose(plan.at(0.0)[1], (0.0, 0.0), atol=1e-9)  # the place of the robot at rest
     feet = steps(walker.state.holds[RIGHT], pace, 3)
     expected = [feet[0].xy, *(foot.xy for pair in pairwise(feet) for foot in pair), feet[3].xy]
     np.testing.assert_allclose([p[2] for p in pieces[1:]], [*expected, feet[3].xy])
