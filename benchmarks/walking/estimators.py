@@ -15,14 +15,14 @@ SLIPPERY = 0.2
 """mu under the right foot of slippery walks."""
 
 
-def slippery(walker_soles: tuple[str, ...], robot: Any) -> Any:
-    """An edit of the plant: mu is SLIPPERY under the last of these soles."""
+def slippery(walker_soles: tuple[str, ...], robot: Any, friction: float = SLIPPERY) -> Any:
+    """An edit of the plant: mu under the last of these soles."""
     joint = robot.model.names[robot.model.frames[robot.frame(walker_soles[-1])].parentJoint]
 
     def edit(spec: Any) -> None:
         body = next(b for b in spec.bodies if any(j.name == joint for j in b.joints))
         for geom in body.find_all("geom"):
-            geom.friction, geom.priority = [SLIPPERY, 0.005, 1e-4], 2
+            geom.friction, geom.priority = [friction, 0.005, 1e-4], 2
 
     return edit
 

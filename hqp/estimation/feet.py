@@ -22,13 +22,15 @@ class FeetEstimator:
     at the start.  With r_i and u_i its place and velocity relative to the base,
 
         dR/dt = R [gyro + (z_imu x z) / T_tilt]x,  and about the vertical the mean of the feet's yaw errors / T_yaw,
-        dv/dt = R f + g + (sum w_i (-u_i) - v) / T_velocity,
+        dv/dt = R (f - b) + g + (sum w_i (-u_i) - v) / T_velocity,
+        db/dt = -R' (sum w_i (-u_i) - v) / (T_velocity T_bias),
         dp/dt = v + (sum w_i (p_i - r_i) - p) / T_position,
 
-    with weights w_i of the feet's loads.  A foot whose velocity v + u_i over the ground, smoothed over SMOOTH, is more
-    than SLIPS slips (``slipping``): it counts for nothing until it rests again, where it then stands, or for LOST at
-    most.  The IMU's yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.
-    Measurements that are not finite leave the estimate as it is.
+    with weights w_i of the feet's loads and the bias b of the accelerometer.  A foot whose velocity v + u_i over the
+    ground, smoothed over SMOOTH, is more than SLIPS slips (``slipping``): it has no weight until it rests again, where
+    it then stands.  If no foot stands for LOST, all that bear load do, and b explains the velocity since.  The IMU's
+    yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.  Measurements that are
+    not finite leave the estimate as it is.
 
     robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
     [s].  q: the configuration at the start ``(nq,)``, which defines the world.  Time constants [s].
@@ -41,8 +43,9 @@ class FeetEstimator:
     FAINT = 1e-3
     """Weight of a foot that still counts as standing and carries next to nothing [N]."""
 
-    SLIPS, SMOOTH, LOST = 0.08, 0.02, 0.5
-    """Velocity over the ground above which a foot that bears load slips [m/s], smoothed over [s], for at most [s]."""
+    SLIPS, SMOOTH, LOST = 0.06, 0.01, 1.0
+    """Velocity over the ground above which a foot that bears load slips [m/s], smoothed over [s]; longest time without
+    a foot that stands [s]."""
 
     def __init__(
         self,
@@ -54,12 +57,14 @@ class FeetEstimator:
         least_load: float = 30.0,
         tilt: float = 0.1,
         yaw: float = 0.5,
-        velocity: float = 0.03,
-        position: float = 0.03,
+        velocity: float = 0.2,
+        bias: float = 1.0,
+        position: float = 0.02,
     ) -> None:
         if not robot.floating:
             raise DeclarationError("estimator", f"{robot.name} has a fixed base", allowed="a free base")
-        constants = {"period": period, "tilt": tilt, "yaw": yaw, "velocity": velocity, "position": position}
+        constants = {"period": period, "tilt": tilt, "yaw": yaw, "velocity": velocity, "bias": bias}
+        constants |= {"position": position}
         for name, value in constants.items():
             if not (math.isfinite(value) and value > 0.0):
                 raise DeclarationError("estimator", f"bad {name}", value=value, unit="s", allowed="positive")

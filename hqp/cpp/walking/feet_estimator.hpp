@@ -68,6 +68,7 @@ class FeetEstimator {
         tilt_(period_ / p.number("tilt")),
         yaw_(period_ / p.number("yaw")),
         velocity_(period_ / p.number("velocity")),
+        bias_(velocity_ / p.number("bias")),
         position_(period_ / p.number("position")),
         landed_(p.number("landed")),
         faint_(p.number("faint")),
@@ -85,7 +86,7 @@ class FeetEstimator {
   int nq() const { return kinematics_.nq(); }
   int nv() const { return kinematics_.nv(); }
   std::size_t feet() const { return feet_.size(); }
-  bool slipping(std::size_t foot) const { return feet_[foot].slipped > 0.0; }
+  bool slipping(std::size_t foot) const { return feet_[foot].slips; }
 
   // q, v: joints from encoders, orientation and angular velocity of the base from the IMU; found_q, found_v: with the
   // estimated base.  Measurements that are not finite leave the estimate as it is.
@@ -104,7 +105,7 @@ class FeetEstimator {
         foot.place = kinematics_.position(i), foot.rate = kinematics_.velocity(i);
         foot.yaw = yaw_of(kinematics_.rotation(i));
       }
-      v_ = v_ + dt * (base_ * load(specific_force) + gravity_);
+      v_ = v_ + dt * (base_ * (load(specific_force) - offset_) + gravity_);
       p_ = p_ + dt * v_;
       stand(loads);
       hold();
@@ -119,9 +120,9 @@ class FeetEstimator {
  private:
   struct Foot {
     Vec3 anchor{}, place{}, rate{};  // in the world; from the base; over the base
-    double anchor_yaw = 0.0, yaw = 0.0, contrary = 0.0, slipped = 0.0, weight = 0.0;
+    double anchor_yaw = 0.0, yaw = 0.0, contrary = 0.0, weight = 0.0;
     Vec2 over_ground{};
-    bool stands = true;
+    bool stands = true, slips = false;
 
     void land(const Vec3& base) { anchor = base + place, anchor_yaw = yaw; }
   };
@@ -146,37 +147,55 @@ class FeetEstimator {
   // Weights without the feet that slip; the fastest is found first, one in an update: it pulls at the others.
   void hold() {
     const double follow = std::min(period_ / smooth_, 1.0);
-    double fastest = 0.0;
+    double fastest = slips_;
     Foot* found = nullptr;
+    bool bears = false, stands = false;
     for (Foot& foot : feet_) {
-      const bool bears = foot.weight > 0.0;
-      const Vec2 seen{v_[0] + foot.rate[0], v_[1] + foot.rate[1]};
-      foot.over_ground = bears ? foot.over_ground + follow * (seen - foot.over_ground) : Vec2{};
-      const double speed = std::hypot(foot.over_ground.x, foot.over_ground.y);
-      if (foot.slipped > 0.0) {
-        const bool rests = speed < 0.5 * slips_ || foot.slipped >= lost_;
-        foot.slipped = bears && !rests ? foot.slipped + period_ : 0.0;
-        if (bears && rests) foot.land(p_);
+      if (!(foot.weight > 0.0)) {
+        foot.over_ground = {}, foot.slips = false;
+        continue;
       }
-      if (!(foot.slipped > 0.0) && speed > fastest) fastest = speed, found = &foot;
+      const Vec2 seen{v_[0] + foot.rate[0], v_[1] + foot.rate[1]};
+      foot.over_ground = foot.over_ground + follow * (seen - foot.over_ground);
+      const double speed = std::hypot(foot.over_ground.x, foot.over_ground.y);
+      if (foot.slips && speed < 0.5 * slips_) foot.slips = false, foot.land(p_);
+      if (!foot.slips && speed > fastest) fastest = speed, found = &foot;
+      bears = true;
     }
-    if (found && fastest > slips_) found->slipped = period_;
+    if (found) found->slips = true;
+    for (const Foot& foot : feet_) stands = stands || (foot.weight > 0.0 && !foot.slips);
+    alone_ = stands ? 0.0 : alone_ + (bears ? period_ : 0.0);
+    if (alone_ >= lost_) return believe();
     for (Foot& foot : feet_)
-      if (foot.slipped > 0.0) foot.weight = 0.0;
+      if (foot.slips) foot.weight = 0.0;
     share();
+  }
+  // Let all feet stand where they are: the accelerometer is off by the velocity that it gained alone.
+  void believe() {
+    for (Foot& foot : feet_) foot.slips = false, foot.over_ground = {}, foot.land(p_);
+    const Vec3 missed = -1.0 * rate() - v_;
+    v_ = v_ + missed;
+    offset_ = offset_ - (1.0 / alone_) * transposed(base_, missed);
+    alone_ = 0.0;
+  }
+  Vec3 rate() const {  // mean velocity of the feet over the base
+    Vec3 found{};
+    for (const Foot& foot : feet_) found = found + foot.weight * foot.rate;
+    return found;
   }
   void lead_back() {
     double all = 0.0, turn = 0.0;
-    Vec3 rate{}, place{};
+    Vec3 place{};
     for (const Foot& foot : feet_) {
       all += foot.weight;
       turn += foot.weight * wrapped(foot.anchor_yaw - foot.yaw);
-      rate = rate + foot.weight * foot.rate;
       place = place + foot.weight * (foot.anchor - foot.place);
     }
     if (!(all > 0.0)) return;
     base_ = about_vertical(yaw_ * turn) * base_;
-    v_ = v_ + velocity_ * (-1.0 * rate - v_);
+    const Vec3 missed = -1.0 * rate() - v_;
+    v_ = v_ + velocity_ * missed;
+    offset_ = offset_ - bias_ * transposed(base_, missed);
     p_ = p_ + position_ * (place - p_);
   }
   void share() {  // the weights have the sum 1, unless all are zero
@@ -189,10 +208,11 @@ class FeetEstimator {
   FeetKinematics kinematics_;
   std::vector<Foot> feet_;
   std::vector<double> still_;
-  double period_, least_load_, tilt_, yaw_, velocity_, position_, landed_, faint_, slips_, smooth_, lost_;
+  double period_, least_load_, tilt_, yaw_, velocity_, bias_, position_, landed_, faint_, slips_, smooth_, lost_;
   Vec3 gravity_;
+  double alone_ = 0.0;  // time without a foot that stands [s]
   Mat3 base_;
-  Vec3 p_, v_{};
+  Vec3 p_, v_{}, offset_{};  // offset: estimated bias of the accelerometer, in the base's axes
 };
 
 }  // namespace hqp

@@ -21,10 +21,10 @@ def test_base_of_a_standing_robot_from_imu_encoders_and_feet(sensors: Sensors) -
     follow(run, 1.0, lambda t: np.array([0.0, 0.02 * (1.0 - math.cos(6.0 * t))]))
     off = run.log["base_error"]
     assert np.ptp(run.log["q"][:, 1]) > 0.02  # it moves
-    assert 1e3 * np.linalg.norm(off[:, :3], axis=1).max() < 1.0
+    assert 1e3 * np.linalg.norm(off[:, :3], axis=1).max() < 1.2  # MuJoCo's soles creep by as much under a sway
     assert np.linalg.norm(off[:, 3:], axis=1).max() < 2e-3
     velocity = run.robot.state(*run.known).v[:3] - run.v[:3]
-    assert np.linalg.norm(velocity) < 0.02
+    assert np.linalg.norm(velocity) < 0.01
 
 
 def test_a_foot_that_is_lifted_and_set_down_stands_in_its_new_place() -> None:
