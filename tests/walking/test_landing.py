@@ -138,6 +138,24 @@ def test_a_foot_that_landed_on_air_goes_on_down(name: str, heading: float, speed
     raise AssertionError("the foot stays in the air")
 
 
+@pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(4))
+def test_a_trailing_foot_that_has_left_the_ground_swings(name: str, heading: float, speed: float, share: float) -> None:
+    """It is thrown off while both feet are to bear: no contact holds it, and it swings from where it is."""
+    robot = Pendulum(name, heading, speed)
+    robot.until(SWING, 0.95)
+    trailing = robot.state.stance
+    robot.touch(0.2)
+    robot.step()
+    for _ in range(round(share * 0.08 / DT)):
+        robot.step()
+    robot.soles[trailing][2] += 8e-3
+    robot.loads = np.where(np.arange(2) == trailing, 0.0, robot.weight)
+    robot.step()
+    assert (robot.state.phase, robot.state.stance) == (SWING, 1 - trailing)
+    pose = np.array(robot.native.swing).reshape(4, 4)
+    assert np.linalg.norm(pose[:3, 3] - robot.soles[trailing][:3]) < 1e-3
+
+
 def test_a_foot_that_stands_without_load_has_not_lost_the_ground() -> None:
     robot = Pendulum("g1", 0.4, 0.2)
     robot.until(SWING, 0.95)

@@ -36,7 +36,7 @@ struct WalkState {
   double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0, mean = 1.0, heavier = 1.0;
   double sunk[2] = {};
   double wait = 0.0;     // time from the last landing to the shift of the ZMP [s]
-  Vec3 landed{};         // place of its frame then
+  Vec3 stood[2]{};       // places of the frames then
   bool stepped = false;  // true if the latest shift follows a landing
   Vec2 zmp, sum, capture_point;
 
@@ -201,18 +201,18 @@ class Walker {
     if (s.phase == WalkPhase::kStand && s.walking && s.t >= s.T) {
       s.stance = kRight, s.wait = 0.0, s.stepped = false;
       enter(WalkPhase::kShift, gait_.first);
-    } else if (s.phase == WalkPhase::kShift && s.t >= s.T) {
+    } else if (s.phase == WalkPhase::kShift && s.stepped && lost(s.stance, loads)) {
+      swing_on();
+    } else if (s.phase == WalkPhase::kShift && (s.t >= s.T || lost(1 - s.stance, loads))) {
       s.pace = ability_.paced(s.pace, s.command);
       enter(WalkPhase::kSwing, haste() * gait_.single_support);
-    } else if (s.phase == WalkPhase::kShift && lost(loads)) {
-      swing_on();
     } else if (s.swings() && landed(loads)) {
       const int side = 1 - s.stance;
       s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
       s.sunk[side] = held(s.sunk[side] + 0.7 * (biped_.position[side][2] - s.swing.x[2]), -kSag, kSag);
       s.stance = side;
       s.share = static_cast<double>(1 - side);  // the other foot still bears it all
-      s.stepped = true, s.wait = 0.0, s.landed = biped_.position[side];
+      s.stepped = true, s.wait = 0.0;
       const bool last = !s.walking && s.pace == Command();
       const double most = std::max(s.T - s.t, 0.0);
       enter(last ? WalkPhase::kStand : WalkPhase::kShift, doubled(s.pace, last));
@@ -235,12 +235,11 @@ class Walker {
     }
     plan(best);
   }
-  // True if the foot that has landed last bears nothing: it has touched an edge or a riser, and stands on air.
-  bool lost(const double* loads) {
-    WalkState& s = state_;
-    if (!loads || !s.stepped) return false;
-    const Vec3 off = biped_.position[s.stance] - s.landed;
-    return loads[s.stance] < kLate * weight_ && dot(off, off) > kHeld * kHeld;
+  // True if a foot bears nothing and has left its place of the last landing: it stands on air, or was thrown off.
+  bool lost(int side, const double* loads) const {
+    if (!loads) return false;
+    const Vec3 off = biped_.position[side] - state_.stood[side];
+    return loads[side] < kLate * weight_ && dot(off, off) > kHeld * kHeld;
   }
   // Lower the foot that has lost the ground from where it is.
   void swing_on() {
@@ -270,7 +269,10 @@ class Walker {
   void enter(WalkPhase phase, double duration) {
     WalkState& s = state_;
     s.phase = phase, s.entered = true, s.t = 0.0, s.T = duration;
-    if (!s.swings()) return plan_ahead();
+    if (!s.swings()) {
+      for (const int side : {kLeft, kRight}) s.stood[side] = biped_.position[side];
+      return plan_ahead();
+    }
     const int side = 1 - s.stance;
     s.holds[s.stance] = biped_.placed(s.stance, soles_[std::size_t(s.stance)]);  // after it has settled
     s.nominal = s.target = next(s.holds[s.stance], s.pace);
