@@ -145,6 +145,7 @@ class Plant:
         self.data.ctrl[:] = self._control  # else servos jerk in the first accelerometer reading
         mujoco.mj_forward(self.model, self.data)
         self._contacts.keep(self.data)
+        self._specific_force = self._accelerometer.copy()
         return self.state()
 
     def step(self, command: Vec, rate: Vec | None = None, *, steps: int = 1) -> None:
@@ -164,6 +165,7 @@ class Plant:
             command = command + self.servo.damping_time * rate
         self._control[self._order] = command
         model, data = self.model, self.data
+        before = self._imu_motion()
         for left in range(steps - 1, -1, -1):
             if self._delay:
                 self._pending.append(self._control.copy())
@@ -178,6 +180,9 @@ class Plant:
             if self._wheels.size:
                 self._turned += self.timestep * data.actuator_velocity[self._wheels]
         data.xfrc_applied[:] = 0.0
+        change, turned = (after - ahead for after, ahead in zip(self._imu_motion(), before, strict=True))
+        gained = change / (steps * self.timestep) - model.opt.gravity  # implicit steps gain less than the sensor's qacc
+        self._specific_force = (before[1] + 0.5 * turned).T @ gained
 
     def state(self) -> tuple[Vec, Vec]:
         """The true (q, v) in Pinocchio's coordinates; the angle of a ball wheel is the integral of its rate."""
@@ -207,6 +212,12 @@ class Plant:
     def move_hand(self, position: Vec) -> None:
         """Draw the human hand with its fingers at a point ``(3,)`` in the world [m]."""
         self.data.mocap_pos[self.model.body(scene.HAND).mocapid[0]] = position
+
+    def _imu_motion(self) -> tuple[Vec, Mat]:
+        """Velocity ``(3,)`` [m/s] and axes ``(3, 3)`` of the IMU in the world."""
+        found = np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, _SITE, self._site, found, 0)
+        return found[3:], self.data.site_xmat[self._site].reshape(3, 3).copy()
 
     @property
     def torque(self) -> Vec:
@@ -265,7 +276,7 @@ class Plant:
             mounting = self.data.xmat[self._root].reshape(3, 3).T @ true  # IMU axes in the base
             q[3:7] = quaternion(rotation @ mounting.T)
             v[3:6] = mounting @ gyro
-        accelerometer = sensors.accelerometer.read(self._accelerometer, rng)
+        accelerometer = sensors.accelerometer.read(self._specific_force, rng)
         exact = sensors.force == _PERFECT.force
         contacts = self._contacts.contacts(None if exact else lambda force: sensors.force.read(force, rng))
         return Reading(self.time, q, v, rotation, gyro, accelerometer, contacts)

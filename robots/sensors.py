@@ -60,7 +60,7 @@ class Reading:
     q, v: Pinocchio's coordinates as an estimator with these sensors would give them: joints from their sensors, the
     base's orientation and angular velocity from the IMU; its position and linear velocity are the truth.
     rotation: IMU axes in the world ``(3, 3)``.  gyro ``(3,)`` [rad/s], accelerometer: specific force
-    ``(3,)`` [m/s^2], which like the contact forces is that of the last step.
+    ``(3,)`` [m/s^2], its mean over the last call of ``step``; contact forces are those of the last step.
     """
 
     time: float
