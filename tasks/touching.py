@@ -20,7 +20,7 @@ EVIDENCE = 100
 """Configurations with near capsules after which a pair counts as harmless if its shapes touch in none."""
 MOST = 1.0 / 3.0
 """A pair is needless if its clearance excludes more than this share of the configurations with shapes apart, and the
-shapes touch in less than this share of those that it excludes."""
+shapes touch in less than this share of those that it excludes; or if its shapes are apart in less than this share."""
 KEPT = 0.8
 """Share of their distance at home that two links keep at most."""
 SLACK = 1e-3
@@ -38,7 +38,7 @@ class Judged(NamedTuple):
     """Pairs of capsules, hulls of links, edges of hulls, and pairs of a capsule or edge and a hull, by their numbers.
 
     Edges are counted after the capsules.  unseparated: pairs of capsules whose links may touch although all rows hold,
-    since no hull keeps them apart either.
+    since no hull keeps them apart either, or since they touch in most configurations.
     """
 
     pairs: list[Pair]
@@ -56,6 +56,8 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
 
     - its links are one body, or one carries the other: the range of their joint is the limit,
     - the shapes of its links touch at home,
+    - they are apart in less than a third of all configurations: then the ranges of the joints are right and the shapes
+      are not, and the links are among the unseparated,
     - the shapes touch in none of 100 configurations with capsules nearer than the clearance,
     - the clearance excludes more than a third of the configurations with shapes apart, and the shapes touch in less
       than a third of those that it excludes, or
@@ -118,6 +120,9 @@ def _judged(
         links[_bodies(capsules, i, j)].append((i, j))
     found, unseparated, closer = [], [], _Closer(drawn, clearance)
     for those in links.values():
+        if drawn.denied(those):
+            unseparated.append(those[0])
+            continue
         rows = [pair for pair in those if drawn.count(*pair, clearance)]
         if shapes is not None and drawn.escapes(those, rows, clearance):
             if closer.take(those):
@@ -259,6 +264,21 @@ class _Drawn:
             home > 0.0 and touching > 0.0 and (touching >= MOST or not needless(len(draws), touching))
         )
 
+    def denied(self, pairs: list[Pair]) -> bool:
+        """Return true if the shapes of two links are apart in less than ``MOST`` of all configurations."""
+        inside = self._inside(pairs)
+        tried = np.flatnonzero(inside)[:EVIDENCE].tolist() if inside.mean() > 1.0 - MOST else []
+        shaped = self.shaped(*pairs[0])
+        touching = [self.touch(*pairs[0], n) if shaped else True for n in tried]
+        return bool(tried) and float(inside.mean() * np.mean(touching)) > 1.0 - MOST
+
+    def _inside(self, pairs: list[Pair]) -> Mask:
+        """Configurations in which capsules of two links overlap ``(n,)``."""
+        inside = np.zeros(DRAWS + 1, dtype=bool)
+        for pair in pairs:
+            inside[self.near(*pair, 0.0)[0]] = True
+        return inside
+
     def escapes(self, pairs: list[Pair], rows: list[Pair], clearance: float) -> bool:
         """Return true if shapes apart at home touch in a configuration that the rows of their links' capsules allow, or
         may do so, since these overlap at home."""
@@ -266,9 +286,7 @@ class _Drawn:
             return False
         if any(self.home(*pair) <= 0.0 for pair in rows):
             return True
-        inside, held = np.zeros((2, DRAWS + 1), dtype=bool)
-        for pair in pairs:
-            inside[self.near(*pair, 0.0)[0]] = True
+        inside, held = self._inside(pairs), np.zeros(DRAWS + 1, dtype=bool)
         for i, j in rows:
             least = kept(clearance, self.home(i, j))
             if least > -self.capsules[i].radius - self.capsules[j].radius:

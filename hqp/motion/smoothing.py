@@ -36,15 +36,17 @@ def smoothed(tracker: Tracker, found: Pass) -> Pass:
 class Course:
     """References of a last pass: places of hands, toes and heels, the pelvis and the joints, with their rates.
 
-    q ``(T, nq)``: the pass before.
+    q ``(T, nq)``: the pass before.  own: true to leave hands and feet to the person.
     """
 
     carries = False
     """True for the stack of a planned CoM."""
 
-    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation) -> None:
+    def __init__(self, tracker: Tracker, q: Mat, *turning: Orientation, own: bool = False) -> None:
         robot, stacks, fps = tracker.robot, tracker.stacks, tracker.targets.fps
-        points = [task for _, task in stacks.edges] + [task for task in stacks.points.values() if "hand" in task.name]
+        self.first = q[0]
+        points = [task for _, task in stacks.edges] + [stacks.points[f"{side}_hand"] for side in SIDES]
+        points = [] if own else points
         places = {task.name: np.empty((len(q), 3)) for task in points}
         axes = {task.name: np.empty((len(q), 3, 3)) for task in turning}
         base = np.empty((len(q), 4, 4))

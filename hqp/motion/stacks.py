@@ -116,6 +116,9 @@ class Stacks:
             name: Within(height, lower=0.0, rate=0.5 / dt, recovery=RECOVERY, name=f"{name}_above")
             for name, height in self.heights.items()
         }
+        self.judged = self._judged()
+        self.reaching = 1 + next(k for k, level in enumerate(self.judged) if self.points["left_hand"] in level)
+        """Number of judged levels down to that of the hands."""
         self._subject_to = self._limits(0.5 / dt, collision)
 
     def _limits(self, rate: float, collision: bool) -> list[Element]:
@@ -158,6 +161,13 @@ class Stacks:
             return tuple(dict.fromkeys(capsule.name for capsule in robot.capsules if capsule.body not in feet))
         except ModelError:
             return ()
+
+    def _judged(self) -> list[list[Task]]:
+        """Tasks of feet, hands, soles and trunk by level, first the most important."""
+        hands = (self.points[f"{side}_hand"] for side in SIDES)
+        judged = [*self.toes.values(), *self.soles.values(), *hands, self.torso]
+        parts = [[task for task in level if task in judged] for level in self._levels(()).values()]
+        return [level for level in parts if level]
 
     @property
     def edges(self) -> list[tuple[str, Position]]:

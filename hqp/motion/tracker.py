@@ -158,17 +158,19 @@ class Tracker:
         return found
 
     def errors(self, q: Mat) -> Mat:
-        """Errors of toes, hands, trunk and soles ``(T, 7)``, frame by frame: 1 is ``OFF`` or ``LEAN``."""
-        hands = (f"{side}_hand" for side in SIDES)
-        tasks = {**{task.name: task for task in self.stacks.toes.values()}, **{h: self.stacks.points[h] for h in hands}}
-        aims = {name: ({**self._edges, **self._places})[name][0] for name in tasks}
-        axes = {task: self._axes[task.name][0] for task in (self.stacks.trunk[1], *self.stacks.soles.values())}
-        found = np.empty((len(q), len(tasks) + len(axes)))
+        """Errors of the tasks that ``judged`` has, level by level ``(T, 7)``: 1 is ``OFF`` or ``LEAN``.
+
+        A foot on its heel is judged there.
+        """
+        tasks = [task for level in self.stacks.judged for task in level]
+        aims = {**self._edges, **self._places, **self._axes}
+        found = np.empty((len(q), len(tasks)))
         for i, at in enumerate(q):
             state = self.robot.state(at)
-            off = [float(np.linalg.norm(task.value(state) - aims[name][i])) / OFF for name, task in tasks.items()]
-            lean = [float(np.linalg.norm(task.error(state, R[i]))) / LEAN for task, R in axes.items()]
-            found[i] = [*off, *lean]
+            down = {self.stacks.toes[side].name: self.stacks.down(side, end) for side, end in self.standing(i)}
+            here = [down.get(task.name, task) for task in tasks]
+            off = [float(np.linalg.norm(task.error(state, aims[task.name][0][i]))) for task in here]
+            found[i] = [x / (LEAN if task.name in self._axes else OFF) for x, task in zip(off, here, strict=True)]
         return found
 
     def run(self, q: Vec, v: Vec, first: int, last: int, course: Course | None = None) -> Pass:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import hqp
 from hqp.motion import contacts as rests
-from hqp.motion.anchored import _behind, _cost
+from hqp.motion.anchored import lost
 from hqp.motion.body import Body
 from hqp.motion.branches import _enough, _excess, _placed, _worse
 from hqp.motion.bvh import _rate
@@ -540,26 +540,34 @@ def test_a_released_foot_is_moved_by_its_hold() -> None:
 
 
 def test_errors_are_shares_of_what_is_behind() -> None:
-    track, robot = tracker(), g1()[0]
-    q = np.array([robot.home, robot.home])
-    found, targets, state = track.errors(q), walked()[1], robot.state(robot.home)
-    assert found.shape == (2, 7)
-    expected = []
-    for task in track.stacks.toes.values():
-        side = task.name.split("_")[0]
-        at = (
-            targets.places[f"{side}_sole"]
-            + targets.axes[f"{side}_sole"] @ g1()[1].axes[f"{side}_sole"].T @ g1()[1].toes[side]
-        )
-        expected.append(np.linalg.norm(task.value(state) - at[1]) / OFF)
-    expected += [
-        np.linalg.norm(track.stacks.points[f"{s}_hand"].value(state) - targets.places[f"{s}_hand"][1]) / OFF
-        for s in SIDES
-    ]
-    for name in ("torso", "left_sole", "right_sole"):
-        R = state.rotation(find_map(None, robot).frames[name])
-        expected.append(Rotation.from_matrix(R.T @ targets.axes[name][1]).magnitude() / LEAN)
-    np.testing.assert_allclose(found[1], expected, atol=1e-6)
+    """Level by level; a foot by the end that it stands on, whichever the person stands on."""
+    track, (robot, body), targets = tracker(), g1(), walked()[1]
+    frames = find_map(None, robot).frames
+    edges = {side: np.zeros(len(targets), dtype=np.int8) for side in SIDES}
+    on_heels = replace(targets, edge={side: edge - 1 for side, edge in edges.items()})
+    for given, ends in ((replace(targets, edge=edges), body.toes), (on_heels, body.heels)):
+        found = Tracker(robot, track.stacks, given).errors(np.array([robot.home] * len(targets)))
+        assert found.shape == (len(targets), 7)
+        state = robot.state(robot.home)
+        for i in (0, 20, 40):
+            expected = []
+            for side in SIDES:
+                end = ends[side] if given.contacts.resting[f"{side}_foot"][i] else body.toes[side]
+                turned_back = targets.axes[f"{side}_sole"][i] @ body.axes[f"{side}_sole"].T
+                at = targets.places[f"{side}_sole"][i] + turned_back @ end
+                own = state.rotation(frames[f"{side}_sole"]) @ body.axes[f"{side}_sole"].T @ end
+                sole = state.position(frames[f"{side}_sole"]) + state.rotation(frames[f"{side}_sole"]) @ np.array(
+                    find_map(None, robot).offset(f"{side}_sole")
+                )
+                expected.append(np.linalg.norm(sole + own - at) / OFF)
+            expected += [
+                np.linalg.norm(track.stacks.points[f"{s}_hand"].value(state) - targets.places[f"{s}_hand"][i]) / OFF
+                for s in SIDES
+            ]
+            for name in ("left_sole", "right_sole", "torso"):
+                R = state.rotation(frames[name])
+                expected.append(Rotation.from_matrix(R.T @ targets.axes[name][i]).magnitude() / LEAN)
+            np.testing.assert_allclose(found[i], expected, atol=1e-6)
 
 
 def test_passes_join_in_one_frame_and_run_backwards() -> None:
@@ -628,14 +636,13 @@ def test_starts_face_four_ways_with_the_hips_in_place() -> None:
 
 
 def test_a_lag_counts_by_its_duration_and_its_size() -> None:
-    track: Any = SimpleNamespace(dt=0.01)
+    track: Any = SimpleNamespace(dt=0.01, stacks=tracker().stacks)
     errors = np.zeros((100, 7))
     errors[40:49, 3] = 1.5
-    assert not _behind(track, errors)
+    assert not any(lost(track, errors))
     errors[49, 3] = 1.5
-    assert _behind(track, errors)
     errors[60:80, 1] = 0.99
-    assert _cost(errors) == pytest.approx(10 * 0.5)
+    assert lost(track, errors) == pytest.approx((0.0, 10 * 0.5, 0.0, 0.0))
 
 
 # --------------------------------------------------------------------------------------------------- stacks

@@ -180,8 +180,9 @@ def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch, g1
         return q if frame else turned(tracker.robot, q, np.pi)
 
     monkeypatch.setattr(anchored, "start", astray)
+    forwards = anchored._from
     assert retarget(walk(1.0), g1).summary["hand_p99"] < 0.05
-    monkeypatch.setattr(anchored, "MOST", 1)
+    monkeypatch.setattr(anchored, "_from", lambda tracker, anchor, hint: forwards(tracker, 0, hint))
     assert retarget(walk(1.0), g1).summary["hand_p99"] > 0.1
 
 
