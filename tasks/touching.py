@@ -265,12 +265,12 @@ class _Drawn:
         )
 
     def denied(self, pairs: list[Pair]) -> bool:
-        """Return true if the shapes of two links are apart in less than ``MOST`` of all configurations."""
-        inside = self._inside(pairs)
-        tried = np.flatnonzero(inside)[:EVIDENCE].tolist() if inside.mean() > 1.0 - MOST else []
-        shaped = self.shaped(*pairs[0])
-        touching = [self.touch(*pairs[0], n) if shaped else True for n in tried]
-        return bool(tried) and float(inside.mean() * np.mean(touching)) > 1.0 - MOST
+        """Return true if the shapes of two links are apart at home, but in less than ``MOST`` of all configurations."""
+        inside, shaped = self._inside(pairs), self.shaped(*pairs[0])
+        if inside.mean() < 1.0 - MOST or (inside[0] and not (shaped and not self.touch(*pairs[0], 0))):
+            return False
+        touching = [self.touch(*pairs[0], n) if shaped else True for n in np.flatnonzero(inside)[:EVIDENCE].tolist()]
+        return float(inside.mean() * np.mean(touching)) > 1.0 - MOST
 
     def _inside(self, pairs: list[Pair]) -> Mask:
         """Configurations in which capsules of two links overlap ``(n,)``."""

@@ -16,6 +16,7 @@ import hqp
 from hqp.robots import capsule_files
 from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance
+from hqp.tasks.collision_pairs import candidates
 from hqp.tasks.collision_scene import scene
 
 FAST = ("g1", "ur5", "panda", "go2", "anymal", "drawn 0", "drawn 1", "drawn 2")
@@ -156,3 +157,43 @@ def test_capsules_of_a_file_have_the_pairs_of_shipped_ones(tmp_path: Any) -> Non
     assert len(scene(CollisionAvoidance(), robot.copy().with_capsules(own)).pairs) > len(
         scene(CollisionAvoidance(), robot).pairs
     )
+
+
+def folding(seed: int) -> Any:
+    """A trunk with a shelf, and a limb on a short link above it, straight out at home, that bends far down."""
+    rng, model = np.random.default_rng(seed), pin.Model()
+    trunk, high = rng.uniform(0.1, 0.2), rng.uniform(1.2, 3.0)
+    below, parent = -rng.uniform(0.06, 0.25), 0
+    capsules = [LinkCapsule("trunk", 1, (0.0, 0.0, below), (trunk + 0.3, 0.0, below), 0.02)]
+    names, place = ("trunk", "short", "limb"), np.zeros(3)
+    ranges = ((-3.0, 3.0), (-0.2, 0.2), (-rng.uniform(0.1, 0.6), high))
+    for k, (name, (low, up)) in enumerate(zip(names, ranges, strict=True)):
+        joint = pin.JointModelRZ() if k == 0 else pin.JointModelRY()
+        parent = model.addJoint(
+            parent, joint, pin.SE3(np.eye(3), place), name, np.full(1, 50.0), np.full(1, 3.0), np.full(1, low),
+            np.full(1, up),
+        )  # fmt: skip
+        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, parent, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+        place = np.array([trunk + rng.uniform(0.03, 0.06), 0.0, 0.0]) if k == 0 else np.array([0.02, 0.0, 0.0])
+    capsules.append(LinkCapsule("limb", 3, (0.0,) * 3, (rng.uniform(0.26, 0.4), 0.0, 0.0), rng.uniform(0.01, 0.03)))
+    return hqp.robots.Robot(model, name=f"folding {seed}").with_capsules(capsules)
+
+
+def test_links_that_touch_in_most_configurations_have_no_row_but_a_note() -> None:
+    """Shapes that deny their joints most of the ranges are wrong; by coal, in configurations of another draw."""
+    counted = {True: 0, False: 0}
+    for seed in range(25):
+        robot = folding(seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = candidates(CollisionAvoidance(), robot, (), "auto", 0.0)
+        one, two = robot.capsules
+        places = configurations(robot, np.random.default_rng(9), 400)
+        share = np.mean([gap(one, two, p[one.body], p[two.body]) <= 0.0 for p in places[1:]])
+        if abs(share - 2.0 / 3.0) < 0.06:
+            continue
+        counted[bool(share > 2.0 / 3.0)] += 1
+        assert found.unseparated == (("trunk - limb",) if share > 2.0 / 3.0 else ())
+        assert bool(found.pairs) == (share < 2.0 / 3.0)
+    assert min(counted.values()) > 3
