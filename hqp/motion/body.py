@@ -9,6 +9,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, ModelError
+from hqp.tasks.distances import of_axes
 from hqp.tasks.support_polygon import hull
 
 from .joints import SIDES
@@ -26,7 +27,7 @@ class Body:
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
     ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
     corners: corners of the rectangle around each sole, in the same axes ``(4, 3)``.  soles: corners of the sole itself,
-    counter-clockwise ``(m, 3)``.
+    counter-clockwise ``(m, 3)``.  thickness: least height of each hand whose capsules are above the floor [m].
     """
 
     places: dict[str, Vec]
@@ -37,6 +38,7 @@ class Body:
     heels: dict[str, Vec]
     corners: dict[str, Mat]
     soles: dict[str, Mat]
+    thickness: dict[str, float]
 
     @staticmethod
     def of(robot: Robot, found: SkeletonMap) -> Body:
@@ -63,7 +65,8 @@ class Body:
             toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
             corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         middle = axes["pelvis"].T @ (hips - places["pelvis"])
-        return Body(places, axes, middle, levers, toes, heels, corners, soles)
+        thickness = {side: _thickness(robot, found.frames[f"{side}_hand"], places[f"{side}_hand"]) for side in SIDES}
+        return Body(places, axes, middle, levers, toes, heels, corners, soles, thickness)
 
     def length(self, one: str, two: str) -> float:
         """Length of a limb, the mean of both sides [m]."""
@@ -82,6 +85,21 @@ class Body:
     def width(self, limb: str) -> float:
         """Between a limb of both sides [m]."""
         return float(np.linalg.norm(self.places[f"left_{limb}"] - self.places[f"right_{limb}"]))
+
+
+def _thickness(robot: Robot, frame: str, place: Vec) -> float:
+    """Distance of a point from the surface of its link's capsules, in which it is; 0 outside and without shapes [m]."""
+    robot.state(robot.home).kinematics()
+    body = robot.body(robot.frame(frame))
+    position, rotation = robot.bodies[body][5]
+    try:
+        own = [capsule for capsule in robot.capsules if capsule.body == body]
+    except ModelError:
+        return 0.0
+    at = (rotation.T @ (place - position))[None]
+    axes = ((np.array(c.a)[None], np.array(c.b)[None]) for c in own)
+    depths = (c.radius - float(of_axes(at, at, *axis)[0]) for c, axis in zip(own, axes, strict=True))
+    return max((0.0, *depths))
 
 
 def _outline(robot: Robot, frame: str, place: Vec) -> Mat:

@@ -189,14 +189,19 @@ def _knee(joints: dict[str, Mat], hips: Mat, side: str, body: Body) -> Mat:
 def _arm(
     joints: dict[str, Mat], hips: Mat, turn: Mat, found: Contacts, side: str, body: Body, fps: float
 ) -> dict[str, Mat]:
-    """An elbow and a hand: from the robot's shoulder on in the robot's lengths, a hand that rests where it rests."""
+    """An elbow and a hand: from the robot's shoulder on in the robot's lengths, a hand that rests where it rests.
+
+    A hand is as high above the floor as its shapes are thick.
+    """
     home = turn @ (body.places[f"{side}_shoulder"] - body.between("hip"))
     upper = joints[f"{side}_elbow"] - joints[f"{side}_shoulder"]
     fore = joints[f"{side}_hand"] - joints[f"{side}_elbow"]
     elbow = hips + home + upper * (body.length("shoulder", "elbow") / _median(upper))
     hand = elbow + fore * (body.length("elbow", "hand") / _median(fore))
     weight = smooth(found.resting[f"{side}_hand"], fps)[:, None]
-    return {f"{side}_elbow": elbow, f"{side}_hand": (1.0 - weight) * hand + weight * joints[f"{side}_hand"]}
+    hand = (1.0 - weight) * hand + weight * joints[f"{side}_hand"]
+    hand[:, 2] = np.maximum(hand[:, 2], body.thickness[side])
+    return {f"{side}_elbow": elbow, f"{side}_hand": hand}
 
 
 def _median(vectors: Mat) -> float:

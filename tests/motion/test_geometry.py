@@ -729,3 +729,35 @@ def test_the_last_pass_asks_for_the_low_passed_motion() -> None:
         before = robot.state(q[i])
         ends = [track.stacks.down("left", end).value(before)[2] for end in (1, -1)]
         np.testing.assert_allclose(course.heights("left", i), ends, atol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------- hands
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
+def test_no_hand_is_to_be_lower_than_its_shapes_allow(name: str) -> None:
+    """However a hand is turned at its lowest target, its capsules reach the floor; of one around the hand's point, some
+    turn brings the capsule exactly there.  A person's hands below the floor are asked for on it."""
+    robot, rng = hqp.robots.load(name), np.random.default_rng(4)
+    found = find_map(None, robot)
+    body = Body.of(robot, found)
+    for side in SIDES:
+        state, frame = robot.state(robot.home), found.frames[f"{side}_hand"]
+        state.kinematics()
+        number = robot.body(robot.frame(frame))
+        at, turned_by = robot.bodies[number][5]
+        point = turned_by.T @ (body.places[f"{side}_hand"] - at)
+        own = [c for c in robot.capsules if c.body == number]
+        lowest = [
+            min(R[2] @ (np.array(end) - point) - c.radius for c in own for end in (c.a, c.b))
+            for R in Rotation.random(4000, rng).as_matrix()
+        ]
+        assert body.thickness[side] <= -max(lowest) + 1e-9
+        assert len(own) > 1 or body.thickness[side] > -max(lowest) - 2e-3
+    motion = walk(0.5)
+    places = motion.positions.copy()
+    hands = [motion.names.index(f"{side}Hand") for side in ("Left", "Right")]
+    places[:, hands, 2] = rng.uniform(-0.2, 0.02, (len(motion), 2))
+    targets = targets_of(Motion(motion.names, places, motion.fps), parts_of(motion.names), body)
+    for side in SIDES:
+        assert (targets.places[f"{side}_hand"][:, 2] >= body.thickness[side]).all()
