@@ -49,7 +49,8 @@ class CollisionAvoidance(Inequality):
     URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
     another SRDF; ``"world"``, links against the world only.  joints: these or groups must carry a link of each pair;
     None for all pairs.  world: shapes of ``hqp.shapes``, which ``at`` moves.
-    clearance [m]: for two links at most 0.8 of their distance at home.  If capsules fitted to two links overlap there,
+    clearance [m]: for two links at most 0.8 of their distance at home, and less for those of "auto" that pass each
+    other more closely by design (``may_touch``).  If capsules fitted to two links overlap there,
     the convex hulls of the shapes of one of them take their place; if these overlap too, capsules of "auto" may overlap
     by 1 mm more than at home, and names of links that all overlap are refused.  influence [m]: largest d at which a
     slow pair has a row, above the clearance.  rate [1/s].  braking [m/s^2]: deceleration of a distance that links can
@@ -120,7 +121,7 @@ class CollisionAvoidance(Inequality):
         return len(scene(self, robot).slots)
 
     def remark(self, robot: Robot) -> str:
-        """Pairs whose capsules overlap at home, with their depth, and links that may touch without a row."""
+        """Pairs whose capsules overlap at home, links that may touch without a row, and links that pass closely."""
         own, texts = scene(self, robot), []
         if own.overlapping:
             pairs = ", ".join(own.overlapping)
@@ -128,6 +129,10 @@ class CollisionAvoidance(Inequality):
         if own.unseparated:
             pairs = ", ".join(own.unseparated)
             texts.append(f"links of {robot.name} may touch, since no fitted shapes keep them apart: {pairs}")
+        if own.lowered:
+            pairs = ", ".join(own.lowered)
+            least = f"keep less than {self.clearance:g} m"
+            texts.append(f"links of {robot.name} that pass each other closely {least}: {pairs}")
         return f"{self.name}: {'; '.join(texts)}" if texts else ""
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:

@@ -28,12 +28,13 @@ Moving = str | Sequence[str] | None
 class Candidates(NamedTuple):
     """Shapes of links, capsules before hulls and points, and pairs of their numbers and, after them, the world's.
 
-    unseparated: links that may touch, without fitted shapes that are apart at home.
+    unseparated: links that may touch, without fitted shapes that are apart at home.  lowered: see ``Judged``.
     """
 
     links: tuple[LinkCapsule | LinkHull, ...]
     pairs: list[Pair]
     unseparated: tuple[str, ...]
+    lowered: dict[Pair, float]
 
 
 def candidates(
@@ -70,7 +71,7 @@ def candidates(
     every = pairs + [(i, len(links) + more + k) for i, k in outside]
     every += [(ends[i] + k, j + more if j >= len(links) else j) for i, j in lying for k in (0, 1)]
     names = tuple(f"{capsules[i].link} - {capsules[j].link}" for i, j in apart)
-    return Candidates((*links, *points), every, names)
+    return Candidates((*links, *points), every, names, judged.lowered)
 
 
 def _pairs(

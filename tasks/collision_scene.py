@@ -61,7 +61,7 @@ class Scene:
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
         self._robot: Robot = proxy(robot)  # the robot holds the scene, not the other way round
         self._element = element
-        self.capsules, self.pairs, self.unseparated = candidates(
+        self.capsules, self.pairs, self.unseparated, lowered = candidates(
             element, robot, element.world, element.pairs, element.clearance, element.joints
         )
         self._hulls = {k: polytope(c) for k, c in enumerate(self.capsules) if isinstance(c, LinkHull)}
@@ -80,10 +80,16 @@ class Scene:
         found: list[tuple[int, int]] = []
         clearances: list[float] = []
         overlapping: list[tuple[float, str]] = []
+        closer: dict[tuple[int, int], str] = {}
         self._local = [(np.array(c.a), np.array(c.b)) for c in self.capsules]
         for k, (one, two) in enumerate(self.pairs):
             clearance = element.clearance
             if two < self.links:
+                bodies = self.body(one), self.body(two)
+                pair = min(bodies), max(bodies)
+                if pair in lowered:
+                    clearance = lowered[pair]
+                    closer.setdefault(pair, f"{self.name(one)} - {self.name(two)} ({1e3 * clearance:g} mm)")
                 d = self.measure(k, declared, self._ends(one, home), self.placed(two, home))[0]
                 clearance = kept(clearance, d)
                 if d <= 0.0:
@@ -97,6 +103,8 @@ class Scene:
             raise element.invalid("pairs", element.pairs, allowed)
         self.overlapping = [text for _, text in sorted(overlapping)]
         """Pairs whose capsules overlap at home and by how far, the deepest first."""
+        self.lowered = list(closer.values())
+        """Links that pass each other closely, and their clearance."""
         self.pairs, self.clearance = found, np.array(clearances)
         most = len(found) + 4 * sum(self._sided(*pair) for pair in found)
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}

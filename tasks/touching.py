@@ -18,9 +18,13 @@ DRAWS = 2000
 """Configurations drawn within the joint ranges."""
 EVIDENCE = 100
 """Configurations with near capsules after which a pair counts as harmless if its shapes touch in none."""
-MOST = 1.0 / 3.0
-"""A pair is needless if its clearance excludes more than this share of the configurations with shapes apart, and the
-shapes touch in less than this share of those that it excludes; or if its shapes are apart in less than this share."""
+MOST = 0.5
+"""A row is worth its place if shapes touch in more than this share of the configurations that it excludes."""
+SPARED = 1.0 / 3.0
+"""Otherwise it is needless if it excludes more than this share of the configurations with shapes apart; so are all rows
+of links whose shapes are apart in less than this share of the configurations."""
+HALVINGS = 3
+"""Times that the clearance of two links may be halved."""
 KEPT = 0.8
 """Share of their distance at home that two links keep at most."""
 SLACK = 1e-3
@@ -38,7 +42,8 @@ class Judged(NamedTuple):
     """Pairs of capsules, hulls of links, edges of hulls, and pairs of a capsule or edge and a hull, by their numbers.
 
     Edges are counted after the capsules.  unseparated: pairs of capsules whose links may touch although all rows hold,
-    since no hull keeps them apart either, or since they touch in most configurations.
+    since no hull keeps them apart either, or since they touch in most configurations.  lowered: clearances of pairs of
+    bodies below the declared one [m].
     """
 
     pairs: list[Pair]
@@ -46,6 +51,7 @@ class Judged(NamedTuple):
     closer: list[Pair]
     unseparated: list[Pair]
     edges: tuple[LinkCapsule, ...] = ()
+    lowered: dict[Pair, float] = {}  # noqa: RUF012  (read only)
 
 
 _FOUND: dict[Key, Judged] = {}
@@ -59,16 +65,17 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     - they are apart in less than a third of all configurations: then the ranges of the joints are right and the shapes
       are not, and the links are among the unseparated,
     - the shapes touch in none of 100 configurations with capsules nearer than the clearance,
-    - the clearance excludes more than a third of the configurations with shapes apart, and the shapes touch in less
-      than a third of those that it excludes, or
+    - it is needless: the clearance excludes more than a third of the configurations with shapes apart, and the shapes
+      touch in less than half of those that it excludes, or
     - its capsules overlap at home, and the shapes touch in less than half of the configurations that its clearance
       (``kept``) excludes.
 
     If the shapes of two links touch in a configuration that the rows of their capsules allow, those of one link as
     convex hulls take the place of its capsules, if they are apart from the capsules of the other link at home.  If
-    they are not, or if the shapes touch in less than a third of the configurations that they exclude, a few edges of
-    either link's hulls, which the hulls of the other stay away from, take the place of all capsules, if
-    the shapes touch in a third of those that edges exclude.
+    they are not, or if the shapes touch in less than half of the configurations that they exclude, a few edges of
+    either link's hulls, which the hulls of the other stay away from, take the place of all capsules, if the shapes
+    touch in more than half of those that edges exclude.  If all of these are needless, the clearance of the two links
+    is halved, up to three times: links that pass each other closely by their design keep a smaller distance.
 
     Configurations are drawn within the joint ranges; pairs that come near in fewer than 100 of 2000 count, unless their
     capsules overlap at home.  Shapes are those that capsules are fitted to; other capsules are the shapes themselves.
@@ -118,18 +125,26 @@ def _judged(
     links: dict[Pair, list[Pair]] = defaultdict(list)
     for i, j in pairs:
         links[_bodies(capsules, i, j)].append((i, j))
-    found, unseparated, closer = [], [], _Closer(drawn, clearance)
-    for those in links.values():
+    found, unseparated, closer = [], [], _Closer(drawn)
+    lowered: dict[Pair, float] = {}
+    for bodies, those in links.items():
         if drawn.denied(those):
             unseparated.append(those[0])
             continue
-        rows = [pair for pair in those if drawn.count(*pair, clearance)]
-        if shapes is not None and drawn.escapes(those, rows, clearance):
-            if closer.take(those):
-                continue
+        for least in clearance * 0.5 ** np.arange(HALVINGS + 1 if clearance > 0.0 else 1):
+            rows = [pair for pair in those if drawn.count(*pair, least)]
+            if not drawn.escapes(those, rows, least):
+                break
+            if drawn.shaped(*those[0]) and closer.take(those, least):
+                rows = []
+                break
+        else:
+            least, rows = clearance, [pair for pair in those if drawn.count(*pair, clearance)]
             unseparated.append(those[0])
         found += rows
-    return Judged(sorted(found), tuple(closer.hulls), closer.pairs, unseparated, tuple(closer.edges))
+        if least < clearance:
+            lowered[bodies] = float(least)
+    return Judged(sorted(found), tuple(closer.hulls), closer.pairs, unseparated, tuple(closer.edges), lowered)
 
 
 def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -> Judged:
@@ -205,7 +220,9 @@ class _Drawn:
         return draws[distance < least], distance[distance < least]
 
     def touch(self, i: int, j: int, draw: int) -> bool:
-        """Return true if the shapes of the links of two capsules touch in a configuration."""
+        """Return true if the shapes of the links of two capsules, or capsules that are shapes, touch in a draw."""
+        if not self.shaped(i, j):
+            return bool(self.gap(i, j, np.array([draw]))[0] <= 0.0)
         return self.bodies_touch(self.capsules[i].body, self.capsules[j].body, draw)
 
     def bodies_touch(self, one: int, two: int, draw: int) -> bool:
@@ -248,51 +265,40 @@ class _Drawn:
 
     def count(self, i: int, j: int, clearance: float) -> bool:
         """Return true if a pair of capsules may touch by accident."""
-        shaped, home = self.shaped(i, j), self.home(i, j)
-        if self.touch(i, j, 0) if shaped else home <= 0.0:
+        if self.touch(i, j, 0):
             return False
-        draws, distance = self.near(i, j, kept(clearance, home))
+        home = self.home(i, j)
+        draws, _ = self.near(i, j, kept(clearance, home))
         tried = draws[:EVIDENCE].tolist()
         if len(tried) < EVIDENCE and home > 0.0:
             return True
-        touching = (
-            float(np.mean([self.touch(i, j, n) for n in tried] if shaped else distance[:EVIDENCE] <= 0.0))
-            if tried
-            else 0.0
-        )
-        return touching > 0.5 or (
-            home > 0.0 and touching > 0.0 and (touching >= MOST or not needless(len(draws), touching))
-        )
+        touching = float(np.mean([self.touch(i, j, n) for n in tried])) if tried else 0.0
+        return touching > MOST or (home > 0.0 and touching > 0.0 and not needless(len(draws), touching))
 
     def denied(self, pairs: list[Pair]) -> bool:
-        """Return true if the shapes of two links are apart at home, but in less than ``MOST`` of all configurations."""
-        inside, shaped = self._inside(pairs), self.shaped(*pairs[0])
-        if inside.mean() < 1.0 - MOST or (inside[0] and not (shaped and not self.touch(*pairs[0], 0))):
-            return False
-        touching = [self.touch(*pairs[0], n) if shaped else True for n in np.flatnonzero(inside)[:EVIDENCE].tolist()]
-        return float(inside.mean() * np.mean(touching)) > 1.0 - MOST
-
-    def _inside(self, pairs: list[Pair]) -> Mask:
-        """Configurations in which capsules of two links overlap ``(n,)``."""
-        inside = np.zeros(DRAWS + 1, dtype=bool)
+        """Return true if shapes of two links are apart at home, but in less than ``SPARED`` of all configurations."""
+        pairs, inside = [pair for pair in pairs if not self.touch(*pair, 0)], np.zeros(DRAWS + 1, dtype=bool)
         for pair in pairs:
             inside[self.near(*pair, 0.0)[0]] = True
-        return inside
+        if inside.mean() < 1.0 - SPARED:
+            return False
+        touching = [any(self.touch(*pair, n) for pair in pairs) for n in np.flatnonzero(inside)[:EVIDENCE].tolist()]
+        return float(inside.mean() * np.mean(touching)) > 1.0 - SPARED
 
     def escapes(self, pairs: list[Pair], rows: list[Pair], clearance: float) -> bool:
         """Return true if shapes apart at home touch in a configuration that the rows of their links' capsules allow, or
         may do so, since these overlap at home."""
-        if not self.shaped(*pairs[0]) or self.touch(*pairs[0], 0):
-            return False
-        if any(self.home(*pair) <= 0.0 for pair in rows):
+        pairs = [pair for pair in pairs if not self.touch(*pair, 0)]
+        if pairs and any(self.home(*pair) <= 0.0 for pair in rows):
             return True
-        inside, held = self._inside(pairs), np.zeros(DRAWS + 1, dtype=bool)
+        held = np.zeros(DRAWS + 1, dtype=bool)
         for i, j in rows:
             least = kept(clearance, self.home(i, j))
             if least > -self.capsules[i].radius - self.capsules[j].radius:
                 held[self.near(i, j, least)[0]] = True
-        tried = np.flatnonzero(inside & ~held)[:EVIDENCE].tolist()
-        return any(self.touch(*pairs[0], n) for n in tried)
+        inside = (self.near(*pair, 0.0)[0] for pair in pairs)
+        free = ((pair, draws[~held[draws]][:EVIDENCE].tolist()) for pair, draws in zip(pairs, inside, strict=True))
+        return any(self.touch(*pair, n) for pair, tried in free for n in tried)
 
 
 class _Side(NamedTuple):
@@ -307,18 +313,19 @@ class _Side(NamedTuple):
 class _Closer:
     """Pairs of a capsule or an edge and a hull of the other link, for links that their capsules do not keep apart."""
 
-    def __init__(self, drawn: _Drawn, clearance: float) -> None:
+    def __init__(self, drawn: _Drawn) -> None:
         self.hulls: list[LinkHull] = []
         self.edges: list[LinkCapsule] = []
         self.pairs: list[Pair] = []
-        self._drawn, self._clearance = drawn, clearance
+        self._drawn = drawn
 
-    def take(self, pairs: list[Pair]) -> bool:
+    def take(self, pairs: list[Pair], clearance: float) -> bool:
         """Take the hulls of the link that excludes fewer configurations; return false if neither is apart at home."""
+        self._clearance = clearance
         drawn, every = self._drawn, self._drawn.capsules
         both = _sides(every, pairs)
         found = [self._side(both[k], drawn.hulls(both[1 - k][0])) for k in (0, 1)]
-        if not any(side.touching >= MOST for side in found if side):
+        if not any(side.touching > MOST for side in found if side):
             found.append(self._edges(*both))
         best = min((side for side in found if side), key=lambda side: side.excluded, default=None)
         for own, hull in best.rows if best else ():
@@ -344,7 +351,7 @@ class _Closer:
     def _edges(self, own: list[int], others: list[int]) -> _Side | None:
         """Rows of edges of the hulls of two links, each to a hull of the other link.
 
-        None if they overlap at home, or exclude mostly configurations with shapes apart, too.
+        None if they overlap at home, or exclude mostly configurations with shapes apart.
         """
         drawn, rows = self._drawn, list[_Row]()
         for one in drawn.hulls(own[0]):
@@ -359,14 +366,14 @@ class _Closer:
                     excludes[draws] = gap < kept(self._clearance, float(gap[0]))
                     rows.append((excludes, edge, hull))
         side = self._judged(rows) if rows else None
-        return side if side and side.touching >= MOST else None
+        return side if side and side.touching > MOST else None
 
     def _judged(self, rows: list[_Row]) -> _Side | None:
         """The rows of a side that are needed; None if their shapes touch too rarely."""
         needed, near = _needed(rows)
         tried = np.flatnonzero(near)[:EVIDENCE].tolist()
         touching = float(np.mean([self._drawn.bodies_touch(*_ends(rows[0]), n) for n in tried])) if tried else 0.0
-        if not touching or (touching < MOST and needless(int(near.sum()), touching)):
+        if not touching or needless(int(near.sum()), touching):
             return None
         return _Side(int(near.sum()), touching, needed)
 
@@ -398,4 +405,4 @@ def _off(p: Mat, a: Mat, b: Mat) -> Mat:
 def needless(excluded: int, touching: float) -> bool:
     """Return true if a clearance excludes too many configurations, in which shapes touch with this share."""
     near = excluded / (DRAWS + 1)
-    return near * (1.0 - touching) > MOST * (1.0 - near * touching)
+    return touching <= MOST and near * (1.0 - touching) > SPARED * (1.0 - near * touching)

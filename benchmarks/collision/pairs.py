@@ -86,7 +86,7 @@ def _judged(robot: Any, own: Scene, count: int) -> tuple[dict[str, float], dict[
     parents, shapes, capsules = [body[0] for body in robot.bodies], robot.contacts(), robot.capsules
     rows = {pair: float(c) for pair, c in zip(own.pairs, own.clearance, strict=True)}
     touching: dict[tuple[int, int], dict[int, bool]] = defaultdict(dict)
-    guarded = {(capsules[i].body, capsules[j].body) for i, j in rows}
+    guarded = {frozenset((own.body(i), own.body(j))) for i, j in rows}
     needless, missing = {}, {}
     for i in range(len(capsules)):
         for j in range(i + 1, len(capsules)):
@@ -100,7 +100,7 @@ def _judged(robot: Any, own: Scene, count: int) -> tuple[dict[str, float], dict[
             if (i, j) in rows:
                 hits = sum(seen[n] for n in near.tolist())
                 needless[f"{own.name(i)} - {own.name(j)}"] = (len(near) - hits) / (count + 1 - hits)
-            elif (a, b) not in guarded and not seen[0] and any(seen.values()):
+            elif frozenset((a, b)) not in guarded and not seen[0] and any(seen.values()):
                 names = (own.name(k).rpartition("/")[0] or own.name(k) for k in (i, j))
                 missing[" - ".join(names)] = sum(seen.values()) / (count + 1)
     return needless, missing

@@ -43,7 +43,7 @@ def write(folder: Path, text: str | None, name: str = "arm.srdf") -> Path:
 def kept_apart(robot: Any) -> set[frozenset[str]]:
     """Pairs of links with a row, of capsules around all moving links."""
     own = [LinkCapsule(f"l{k}", k, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.03) for k in range(1, LINKS)]
-    capsules, pairs, _ = candidates(CollisionAvoidance(), robot.with_capsules(own), (), "auto", 0.01)
+    capsules, pairs, *_ = candidates(CollisionAvoidance(), robot.with_capsules(own), (), "auto", 0.01)
     return {frozenset(capsules[k].name for k in pair) for pair in pairs}
 
 
