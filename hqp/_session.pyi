@@ -274,8 +274,9 @@ class Batch:
         status: NDArray[int32],
         residuals: Mat,
         x: Mat,
-    ) -> None:
-        """Run a tick of all worlds, without the interpreter lock."""
+        noted: bool,
+    ) -> list[list[tuple[str, int, str]]]:
+        """Run a tick of all worlds, without the interpreter lock; return the notes of each if they are wanted."""
 
     def integrate(self, q: Mat, v: Mat, dt: float, out: Mat) -> None:
         """Write q after motion with v for dt [s] to out, for all worlds."""

@@ -16,7 +16,7 @@ from hqp.arrays import Mat
 from hqp.declare.reference import numbers
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
-from hqp.explanation.notes import STATUSES
+from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.export.loaded import ACCELERATION, VALUE, VELOCITY
 from hqp.problem import Status
 
@@ -34,13 +34,15 @@ class BatchTick:
     """Result of one step of all worlds.
 
     commands ``(count, n_actuated)``, parts of the answers x ``(count, n)``, ||w|| of every level ``(count, levels)``,
-    status ``(count,)``: places in ``tuple(hqp.Status)``, later ones are worse.
+    status ``(count,)``: places in ``tuple(hqp.Status)``, later ones are worse.  notes: those of each world, if the step
+    was to have them.
     """
 
     commands: Mat
     x: Mat
     residuals: Mat
     status: NDArray[np.int32]
+    notes: tuple[tuple[Note, ...], ...] = ()
 
     @property
     def solved(self) -> NDArray[np.bool_]:
@@ -127,10 +129,11 @@ class Batch:
         """Counters of the ticks of all worlds; longest_gap is 0, because a world has no clock."""
         return Counters(*self._native.counters)
 
-    def step(self, Q: Any, V: Any = None, targets: Targets | None = None) -> BatchTick:
+    def step(self, Q: Any, V: Any = None, targets: Targets | None = None, *, notes: bool = False) -> BatchTick:
         """One tick of all worlds for states Q ``(count, nq)`` and V ``(count, nv)``, zero for None.
 
         targets: values of the elements' references, ``(count, ...)``, for this step; others take their hold values.
+        notes: write the notes of each world, which takes time, such as the names of violated rows and passed limits.
         If Q is a torch tensor, so are the parts of the tick, which share memory with arrays of this step (DLPack).
         Data never raises: a world's fault is its own status.  Raises DeclarationError for a shape or an unknown name.
         """
@@ -148,14 +151,15 @@ class Batch:
         commands, x, residuals = (np.empty((self.count, size)) for size in self._native.sizes)
         status = np.empty(self.count, dtype=np.int32)
         try:
-            self._native.step(at, speed, entries, commands, status, residuals, x)
+            noted = self._native.step(at, speed, entries, commands, status, residuals, x, notes)
         except TypeError:
             raise self._refused(at, speed) from None
         except ValueError as error:
             if at.shape != (self.count, self.nq) or speed.shape != (self.count, self.nv):
                 raise self._refused(at, speed) from None
             raise DeclarationError("Batch", str(error)) from None
-        return BatchTick(*(dlpack.returned(part, like) for part in (commands, x, residuals, status)))
+        commands, x, residuals, status = (dlpack.returned(part, like) for part in (commands, x, residuals, status))
+        return BatchTick(commands, x, residuals, status, tuple(of_native(own) for own in noted))
 
     def begin(self, commands: Any, Q: Any = None, V: Any = None, worlds: ArrayLike | None = None) -> None:
         """Start from the commands ``(count, n_actuated)`` that the robots are sent now; see ``Session.begin``.

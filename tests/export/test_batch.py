@@ -73,6 +73,33 @@ def test_a_world_is_a_session(name: str, formulation: str, reach: float) -> None
     assert tick.solved.all()
 
 
+@pytest.mark.parametrize("name", ["g1", "ur5"])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_notes_of_a_world_are_those_of_its_session(name: str, threads: int) -> None:
+    """Joints drawn in and out of their ranges, a state that is not valid, and a stop."""
+    session, _ = scene(name, "velocity")
+    robot, count = session.robot, 20
+    batch = hqp.Batch(session.controller, robot, count, session.dt, threads=threads)
+    alone = [LoadedSession(text(session)) for _ in range(count)]
+    rng, named = np.random.default_rng(3), set()
+    for k in range(8):
+        Q = np.array([robot.integrate(robot.home, rng.uniform(-2.0, 2.0, robot.nv), 1.0) for _ in range(count)])
+        V = rng.uniform(-0.5, 0.5, (count, robot.nv))
+        Q[k, -1] = np.nan
+        if k == 5:
+            batch.stop(worlds=[2], reason="a person")
+            alone[2].stop("a person")
+        tick = batch.step(Q, V, notes=True)
+        for own, one, q, v in zip(tick.notes, alone, Q, V, strict=True):
+            assert own == one.step(q, v).notes
+            named |= {note.status for note in own}
+        assert batch.step(Q, V).notes == ()
+        for one, q, v in zip(alone, Q, V, strict=True):
+            one.step(q, v)
+    assert Status.INVALID_STATE in named
+    assert len(named) > 1
+
+
 def test_a_fault_is_that_of_its_world() -> None:
     session, _ = scene("ur5")
     batch = hqp.Batch(session.controller, session.robot, 4, session.dt)

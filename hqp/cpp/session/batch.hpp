@@ -6,11 +6,21 @@
 #include <string>
 #include <system_error>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "stacks.hpp"
 
 namespace hqp {
+
+using NoteRecord = std::tuple<std::string, int, std::string>;  // element, status, text
+
+// Texts of a tick's notes, whose names live as long as its session.
+inline std::vector<NoteRecord> records(const Tick& tick) {
+  std::vector<NoteRecord> found;
+  for (const Note& note : tick.notes()) found.emplace_back(note.element, static_cast<int>(note.status), note.text());
+  return found;
+}
 
 // Targets of one element in all worlds: (count, size), one behind the other.
 struct BatchTarget {
@@ -34,10 +44,10 @@ class Batch {
   Batch(const Batch&) = delete;
 
   // q (count, nq), v (count, nv); written: commands (count, motors), status (count), residuals (count, levels), and x
-  // (count, n) unless it is null.
+  // (count, n) and notes (count) unless they are null.
   void step(const double* q, const double* v, const std::vector<BatchTarget>& targets, double* commands,
-            std::int32_t* status, double* residuals, double* x) {
-    run({status, residuals, x}, [&](std::size_t, Stacks& session, std::size_t i) -> const Tick& {
+            std::int32_t* status, double* residuals, double* x, std::vector<NoteRecord>* notes = nullptr) {
+    run({status, residuals, x, notes}, [&](std::size_t, Stacks& session, std::size_t i) -> const Tick& {
       for (const BatchTarget& target : targets)
         session.offer(target.element, target.what, target.values + i * target.size, target.size);
       const Line& line = session.current().line();
@@ -50,6 +60,7 @@ class Batch {
   struct Written {
     std::int32_t* status;
     double *residuals, *x;
+    std::vector<NoteRecord>* notes = nullptr;
   };
   // One tick of each world i by one(thread, session, i), which returns it.
   template <class One>
@@ -65,6 +76,7 @@ class Batch {
           std::fill(std::copy(tick.residuals().begin(), tick.residuals().end(), levels), levels + session.levels(),
                     0.0);
           if (written.x) std::copy(tick.x().begin(), tick.x().end(), written.x + i * tick.x().size());
+          if (written.notes) written.notes[i] = records(tick);
           written.status[i] = static_cast<std::int32_t>(tick.status());
           session.store(worlds_[i]);
         }

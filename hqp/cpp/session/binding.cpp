@@ -26,7 +26,7 @@ namespace {
 
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using NoteRecord = std::tuple<std::string, int, std::string>;  // element, status, text
+using hqp::NoteRecord;
 
 // As hqp.loop.counters.Counters lists them.
 nb::tuple counters_of(const hqp::Counts& c) {
@@ -60,10 +60,8 @@ class Session {
     std::copy(tick.command().begin(), tick.command().end(), command.data());
     std::copy(tick.x().begin(), tick.x().end(), x.data());
     std::copy(tick.residuals().begin(), tick.residuals().end(), residuals.data());
-    std::vector<NoteRecord> notes;
-    for (const hqp::Note& note : tick.notes())
-      notes.emplace_back(note.element, static_cast<int>(note.status), note.text());
-    return {static_cast<int>(tick.status()), static_cast<long>(tick.held()), std::move(notes), tick.residuals().size()};
+    return {static_cast<int>(tick.status()), static_cast<long>(tick.held()), hqp::records(tick),
+            tick.residuals().size()};
   }
   std::tuple<std::size_t, std::size_t, std::size_t> sizes() const {
     const hqp::Tick& tick = session_.tick();
@@ -127,8 +125,11 @@ class Worlds {
       : batch_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
   Worlds(const Worlds&) = delete;
 
-  void step(const Table& q, const Table& v, const std::vector<std::tuple<std::string, int, Table>>& targets,
-            const OutTable& commands, const Statuses& status, const OutTable& residuals, const OutTable& x) {
+  // Notes of the worlds, if they are wanted.
+  std::vector<std::vector<NoteRecord>> step(const Table& q, const Table& v,
+                                            const std::vector<std::tuple<std::string, int, Table>>& targets,
+                                            const OutTable& commands, const Statuses& status, const OutTable& residuals,
+                                            const OutTable& x, bool noted) {
     const hqp::Stacks& session = batch_.session();
     const auto [motors, variables, levels] = sizes();
     const auto fits = [&](std::size_t rows, std::size_t width, std::size_t needed) {
@@ -148,8 +149,11 @@ class Worlds {
                                   std::to_string(values.shape(1)) + ")");
       converted.push_back({element, what, values.data(), size});
     }
+    std::vector<std::vector<NoteRecord>> notes(noted ? batch_.count() : 0);
     const nb::gil_scoped_release release;
-    batch_.step(q.data(), v.data(), converted, commands.data(), status.data(), residuals.data(), x.data());
+    batch_.step(q.data(), v.data(), converted, commands.data(), status.data(), residuals.data(), x.data(),
+                noted ? notes.data() : nullptr);
+    return notes;
   }
   void reset(std::size_t i) {
     require(i);
@@ -331,7 +335,7 @@ NB_MODULE(_session, module) {
       .def(nb::init<const nb::bytes&, std::size_t, std::size_t, const nb::bytes&>(), "file"_a, "count"_a, "threads"_a,
            "key"_a)
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
-           "residuals"_a.noconvert(), "x"_a.noconvert())
+           "residuals"_a.noconvert(), "x"_a.noconvert(), "noted"_a)
       .def("reset", &Worlds::reset, "world"_a)
       .def("change", &Worlds::change, "world"_a, "stack"_a, "over"_a)
       .def("stop", &Worlds::stop, "world"_a, "reason"_a)
