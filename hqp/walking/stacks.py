@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
+
+import numpy as np
 
 from hqp.arrays import Vec
 from hqp.declare.law import DCM, PD
@@ -57,11 +60,16 @@ class Laws:
 class Stacks:
     """Stack of a walk, with phases by standing feet: ``both``, ``left`` or ``right``.
 
-        knees > swing, balance, height, trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
+        knees > swing, balance, height, trunk, legs > posture > load share
+        s.t. contacts, torques, joints, friction, soles
 
-    If a sole or the friction bounds these four, each yields a little: in an order the last of them is thrown about for
-    the others' angular momentum.  height: height of the pendulum [m].  friction: mu.  limits: limits of joints, without
-    names of all but the legs', whose loads need unlimited acceleration; None for none.
+    If a sole or the friction bounds one level, each of its tasks yields a little: in an order the last of them is
+    thrown about for the others' angular momentum.  legs: joints with which a leg of more than six turns between its
+    ends; on a level below they bent a knee at its limit by next to nothing at 900 rad/s^2, and CBi's torques changed by
+    200 N m in a tick.
+
+    height: height of the pendulum [m]. friction: mu. limits: limits of joints, without names of all but the legs',
+    whose loads need unlimited acceleration; None for none.
     """
 
     def __init__(
@@ -81,7 +89,8 @@ class Stacks:
         self.height = Com(axes="z", law=laws.height, name="height")
         self.trunk = Orientation(frame=base_of(robot), law=laws.trunk, name="trunk")
         self.posture = Posture(joints=rest, law=laws.posture) if rest else None
-        self.legs = Posture(joints=legs, law=laws.posture, name="legs")
+        spare = [name for foot in feet for name in redundant(robot, foot, leg_joints(robot, (foot,)), start)]
+        self.legs = Posture(joints=spare, law=laws.posture, name="legs") if spare else None
         self.share = LoadShare(contacts=names, when=BOTH)
         self.swing = tuple(
             Pose(frame=foot.frame, law=laws.swing, name=f"{foot.name}_swing", when=other)
@@ -95,9 +104,8 @@ class Stacks:
             within.append(FrictionCone(contact=foot.name, mu=friction, sole=foot.rectangle))
             within.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
         postures = [] if self.posture is None else [Level(self.posture, name="posture")]
-        if len(legs) > 12:  # else feet and trunk determine them
-            postures.append(Level(self.legs, name="legs"))
-        body = Level(*self.swing, self.balance, self.height, self.trunk, name="body", price=HASTE)
+        swivel = [] if self.legs is None else [self.legs]
+        body = Level(*self.swing, self.balance, self.height, self.trunk, *swivel, name="body", price=HASTE)
         self.knees = bent(robot, feet, start)
         self.stack = Stack(
             Level(self.knees, name="knees"), body, *postures, Level(self.share, name="share"), subject_to=within
@@ -107,3 +115,16 @@ class Stacks:
             for phase, on in ((BOTH, names), *((name, (name,)) for name in names))
         }
         """The balance by phase, with the support that it has there."""
+
+
+def redundant(robot: Any, foot: Foot, leg: Sequence[str], start: Vec) -> list[str]:
+    """Joints of a leg beyond the six that place its foot: those that move most while foot and base stand still."""
+    columns = robot.joints(leg)
+    jacobian = robot.copy().state(start).jacobian(foot.frame)[:, columns]
+    still = np.linalg.svd(jacobian)[2][6:]  # (k, n), motions with the foot at rest
+    found: list[str] = []
+    while len(still):
+        most = int(np.argmax(np.linalg.norm(still, axis=0)))
+        found.append(leg[most])
+        still = np.linalg.svd(still[:, [most]].T)[2][1:] @ still
+    return found
