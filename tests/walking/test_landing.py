@@ -156,6 +156,28 @@ def test_a_trailing_foot_that_has_left_the_ground_swings(name: str, heading: flo
     assert np.linalg.norm(pose[:3, 3] - robot.soles[trailing][:3]) < 1e-3
 
 
+@pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(4))
+def test_a_swing_foot_that_meets_a_riser_stops_without_a_jerk(
+    name: str, heading: float, speed: float, share: float
+) -> None:
+    """It bears load and stays where it is over ground: its reference slows down instead of stopping in a tick."""
+    robot = Pendulum(name, heading, speed)
+    for _ in range(2):
+        robot.until(SHIFT)
+        robot.until(SWING)
+    robot.until(SWING, 0.4 * share)
+    side = 1 - robot.state.stance
+    place, before = robot.soles[side][:2], np.array(robot.native.swing_velocity)
+    while robot.state.t < 0.52 * robot.state.duration:
+        robot.soles[side][:2] = place
+        robot.touch(0.1)
+        robot.step()
+        after = np.array(robot.native.swing_velocity)
+        assert np.linalg.norm(after - before) < max(0.1, 0.25 * np.linalg.norm(before[:2]))
+        before = after
+    assert np.linalg.norm(before[:2]) < 0.1
+
+
 def test_a_foot_that_stands_without_load_has_not_lost_the_ground() -> None:
     robot = Pendulum("g1", 0.4, 0.2)
     robot.until(SWING, 0.95)

@@ -440,12 +440,11 @@ class Walker {
     s.swing.step(dt_);
     const Swing& path = s.swing;
     const Vec3& here = biped_.position[side];
-    const Vec2 place{here[0], here[1]}, at = place + within(Vec2{path.x[0], path.x[1]} - place, kAhead);
-    s.swing.move(at, touches_);
+    s.swing.lead({here[0], here[1]}, kAhead, touches_);
     s.swing.x[2] = std::max(path.x[2], here[2] - kAhead);
     const double z = s.swing.x[2] - s.sunk[side] * std::min(1.0, s.t / (0.3 * s.T));
     const double c = std::cos(path.x[3]), sine = std::sin(path.x[3]);
-    references_.swing = {c, -sine, 0.0, at.x, sine, c, 0.0, at.y, 0.0, 0.0, 1.0, z, 0.0, 0.0, 0.0, 1.0};
+    references_.swing = {c, -sine, 0.0, path.x[0], sine, c, 0.0, path.x[1], 0.0, 0.0, 1.0, z, 0.0, 0.0, 0.0, 1.0};
     references_.swing_velocity = {path.v[0], path.v[1], path.v[2], 0.0, 0.0, path.v[3]};
     references_.swing_acceleration = {path.a[0], path.a[1], path.a[2], 0.0, 0.0, path.a[3]};
   }
