@@ -161,17 +161,22 @@ class JointLoad(_Load):
     S picks the joints: friction, springs, estimated contacts, and servos whose torque falls by I qdd within a tick.
 
     ``at(torque)`` sets d for one tick ``(k,)`` [N m, N], zero without.  joints: joints or groups, the actuated ones by
-    default.  inertia: one number for all joints or one for each, at least 0 [kg m^2, kg].  The dynamics, gravity
-    compensation and the command at rest include d.  In ``subject_to`` of a torque controller.
+    default.  base: true for the wrench on a floating base before them, force and moment ``(6,)`` [N, N m] in its axes:
+    the base moves freely under it, and needs no contacts.  inertia: one number for all joints or one for each, at least
+    0 [kg m^2, kg].  The dynamics, gravity compensation and the command at rest include d.  In ``subject_to`` of a
+    torque controller.
     Raises DeclarationError for fields, JointNotFound on binding.
     """
 
     joints: str | Sequence[str] | None = None
     inertia: float | Sequence[float] = 0.0
+    base: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
+        if not isinstance(self.base, bool):
+            raise self.invalid("base", self.base, "True or False")
         for inertia in self.inertia if isinstance(self.inertia, (list, tuple)) else [self.inertia]:
             check_number(self, "inertia", inertia, 0.0)
         if isinstance(self.inertia, list):
@@ -187,12 +192,15 @@ class JointLoad(_Load):
         return 0
 
     def inertias(self, robot: Robot) -> tuple[Index, Vec]:
-        """(tangent coordinates, inertias) of the joints, ``(k,)`` each; raises DeclarationError for another number."""
+        """(tangent coordinates, inertias) ``(k,)``, the base first; raises DeclarationError for another number."""
         columns = robot.actuated if self.joints is None else joint_columns(self, robot, self.joints)
         given = np.atleast_1d(np.asarray(self.inertia, dtype=np.float64))
         if given.size not in (1, columns.size):
             raise self.invalid("inertia", self.inertia, f"one number, or {columns.size} for {columns.size} joints")
-        return columns, np.broadcast_to(given, columns.shape)
+        free = np.arange(6 if self.base and robot.floating else 0, dtype=np.intp)
+        return np.concatenate((free, columns)), np.concatenate(
+            (np.zeros(free.size), np.broadcast_to(given, columns.shape))
+        )
 
     def hold(self, state: State) -> Reference:
         """No torque."""

@@ -41,6 +41,9 @@ Measured = State | Sequence[State]
 LARGEST = 1e6
 """Largest command that is a number, at a joint without a limit [rad, rad/s, N m]."""
 
+IMPACT, GRAVITY = 10.0, 9.81
+"""Largest force on a free base in weights, moment by an arm of 1 m; gravity [m/s^2]."""
+
 UNLIMITED = 1e3
 """Largest torque that the model may lack at a joint without an effort limit, or with a larger one [N m]."""
 
@@ -58,19 +61,21 @@ ROUNDING = 1e-9
 class PolicyFilter:
     """Limits and distances are constraints above the policy's command, which they change as contacts would:
 
-        min (tau - tau*)^T (A + D)^-1 (tau - tau*)    subject to limits, torque limits, distances, a base as measured,
+        min (tau - tau*)^T (A + D)^-1 (tau - tau*)    subject to limits, torque limits, distances,
         (A + D) qdd + b + g = tau + d,    tau* = kp (q* - q - dt v) - kd v,    D = dt kd + dt^2 kp:
 
     an implicit step of servos that hold the target q* through the period; the sent target is q* + (tau - tau*) / kp.
-    For torques kp = kd = 0.  d, the torques that the model lacks (contacts, friction, loads, a base's acceleration), is
-    estimated from measured velocities.  By Gauss's principle of least constraint a joint at its limit changes its own
-    command alone.  For velocities min |x - v*| subject to the same without torques.
+    For torques kp = kd = 0.  d, the torques that the model lacks (contacts, friction, loads), is estimated from
+    measured velocities, and so is the wrench on a floating base, which moves freely under it.  By Gauss's principle of
+    least constraint a joint at its limit changes its own command alone.  For velocities min |x - v*| subject to the
+    same without torques, the base as measured.
 
     limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
     that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None; for positions and
     torques ``approach`` is 60 / s unless it has one.  kp [N m/rad], kd [N m s/rad]: gains of the servos that take
     position targets, a number, one for each actuated joint or by name.
     command: kind of the policy's and the sent command, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
+    held: true for a floating base on a stand: its motion is as measured, whatever the torques.
     Raises DeclarationError for fields.
     """
 
@@ -79,6 +84,7 @@ class PolicyFilter:
     kp: Gains | None = None
     kd: Gains | None = None
     command: Command = "positions"
+    held: bool = False
 
     def __post_init__(self) -> None:
         if self.limits is not None and not isinstance(self.limits, JointLimits):
@@ -91,6 +97,8 @@ class PolicyFilter:
             raise DeclarationError(
                 "PolicyFilter", "command", value=self.command, allowed='"positions", "velocities" or "torques"'
             )
+        if not isinstance(self.held, bool):
+            raise DeclarationError("PolicyFilter", "held", value=self.held, allowed="True or False")
         if (self.kp is None or self.kd is None) and self.command == "positions":
             raise DeclarationError(
                 "PolicyFilter", "kp and kd", value=(self.kp, self.kd), allowed="the gains of the servos, for positions"
@@ -101,8 +109,8 @@ class PolicyFilter:
 
         Its element ``policy`` takes v*, or tau*; ``lacking`` the load d of positions and torques.
         """
-        names, servos = robot.joint_names, self.servos(robot, dt)
-        base: list[Element] = [PrescribedMotion(name="base")] if robot.floating else []
+        names, servos, free = robot.joint_names, self.servos(robot, dt), self.free(robot)
+        base: list[Element] = [PrescribedMotion(name="base")] if robot.floating and not free else []
         apart: list[Element] = [] if self.collision is None else [self.collision]
         limits = default_limits(robot, self.command != "velocities") if self.limits is None else (self.limits,)
         if self.command == "velocities":
@@ -114,11 +122,15 @@ class PolicyFilter:
             apart = [replace(self.collision, approach=APPROACH)]
         forces: list[Element] = [
             *([TorqueLimits(joints=limited)] if limited else []),
-            JointLoad(joints=names, inertia=servos.stiffening.tolist(), name="lacking"),
+            JointLoad(joints=names, inertia=servos.stiffening.tolist(), base=free, name="lacking"),
             NominalTorque(name="policy"),
         ]
         stack, _ = within_holding(Stack(subject_to=[*base, *limits, *forces, *apart]), robot, HOLDING)
         return Controller(stack, Torque(holding=None), deadline=deadline, price=0)
+
+    def free(self, robot: Robot) -> bool:
+        """True if the robot's base moves under the torques."""
+        return robot.floating and not self.held and self.command != "velocities"
 
     def servos(self, robot: Robot, dt: float) -> Servos:
         """The servos of the actuated joints, with gains of zero for commands without servos."""
@@ -152,7 +164,12 @@ class Prediction:
         self._rounding = ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))
         self._limited = self._forces & np.isfinite(self.servos.effort)
         self._largest = np.where(self._limited, np.minimum(self.servos.effort, LARGEST), LARGEST)
-        self._most = np.minimum(self.servos.effort, UNLIMITED)
+        self._base = np.arange(6 if declared.free(robot) else 0)
+        self._columns = np.concatenate((self._base, self._own))
+        weight = GRAVITY * robot.copy().state(robot.home).mass_matrix()[0, 0]
+        top = np.full(self._base.size, IMPACT * weight)
+        self._most = np.concatenate((top, np.minimum(self.servos.effort, UNLIMITED)))
+        self._stiffening = np.concatenate((0.0 * top, self.servos.stiffening))
         self._share: Vec | float = 1.0 / self.servos.kp if self._kind == "positions" else 1.0
         self.reset()
 
@@ -160,8 +177,8 @@ class Prediction:
         """Discard earlier commands and estimates."""
         self._last: Vec | None = None
         self._before: tuple[Measured, Vec, Vec] | None = None
-        self.lacking: Vec = np.zeros(self._own.size)
-        """d, the torques that the model lacks [N m]."""
+        self.lacking: Vec = np.zeros(self._columns.size)
+        """d, the torques that the model lacks, after the wrench on a free base [N m, N]."""
 
     def begin(self, command: ArrayLike, state: Measured) -> tuple[Vec, Vec, Vec]:
         """(command within the effort limits, torque or velocity by it, load of the joints).
@@ -178,15 +195,16 @@ class Prediction:
         if self._measured is not True:
             angles, speeds = known(angles), known(speeds)
         if self._last is None:
-            self._place, self.lacking = angles, np.zeros(angles.shape)
-            self._last, self._held = angles if self._kind == "positions" else self.lacking, self.lacking
+            self._place, self.lacking = angles, np.zeros((*angles.shape[:-1], self._columns.size))
+            self._last = angles if self._kind == "positions" else np.zeros(angles.shape)
+            self._held = self.lacking
         valid = np.abs(given) <= self._largest  # not if NaN
         if not valid.all():
             given = np.where(valid | (np.isfinite(given) & self._limited), given, self._last)
         self._now = state, angles, speeds
         if self._kind == "velocities":
             return given, given, self.lacking
-        self._estimate(speeds)
+        self._estimate(state)
         if self._kind == "torques":
             given = within(given, -servos.effort, servos.effort)
             return given, given, self.lacking
@@ -207,7 +225,7 @@ class Prediction:
             changed = changed | ~good
             rest = x
             if self._kind == "torques":  # x holds the joints with an older d
-                rest = x + self._held - self.lacking
+                rest = x + (self._held - self.lacking)[..., self._base.size :]
             elif self._kind == "positions":
                 rest = self._place + x / servos.kp
             sent = np.where(good, sent, rest)
@@ -228,7 +246,7 @@ class Prediction:
             tau = (
                 self._last if self._kind == "torques" else servos.torque(self._last, angles + self._dt * speeds, speeds)
             )
-            self._before = state, speeds if measured is True else np.where(measured, speeds, math.nan), tau
+            self._before = state, self._motion(state), tau
         return self._last.copy(), changed
 
     def _joints(self, state: Measured) -> tuple[Vec, Vec]:
@@ -238,25 +256,31 @@ class Prediction:
             return np.array([angles for angles, _ in both]), np.array([speeds for _, speeds in both])
         return state.angles[self._own], state.v[self._own]
 
-    def _estimate(self, speeds: Vec) -> None:
-        """Estimate d from the motion of the last period; the base's acceleration is part of it."""
+    def _motion(self, state: Measured) -> Vec:
+        """Velocities of a free base and the actuated joints."""
+        if isinstance(state, Sequence):
+            return np.array([one.v[self._columns] for one in state])
+        return state.v[self._columns]
+
+    def _estimate(self, state: Measured) -> None:
+        """Estimate d from the motion of the last period; the acceleration of a held base is part of it."""
         if self._before is None:
             return
         before, then, tau = self._before
-        a = (speeds if self._measured is True else np.where(self._measured, speeds, math.nan)) - then
-        a *= 1.0 / self._dt
-        found = self._torques(before, a) + self.servos.stiffening * a - tau
+        a = (self._motion(state) - then) * (1.0 / self._dt)
+        found = self._torques(before, a) + self._stiffening * a
+        found[..., self._base.size :] -= tau
         if not np.isfinite(found).all():
             found = np.where(np.isfinite(found), found, self.lacking)
         self.lacking = self.lacking + BLEND * (within(found, -self._most, self._most) - self.lacking)
 
     def _torques(self, state: Measured, a: Vec) -> Vec:
-        """Torques of the model for this acceleration of the joints."""
+        """Torques of the model for this acceleration."""
         if isinstance(state, Sequence):
-            return np.array([self._torques(one, joints) for one, joints in zip(state, a, strict=True)])
+            return np.array([self._torques(one, own) for one, own in zip(state, a, strict=True)])
         every = np.zeros(state.v.size)
-        every[self._own] = a
-        return state.inverse_dynamics(every)[self._own]
+        every[self._columns] = a
+        return state.inverse_dynamics(every)[self._columns]
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +333,7 @@ class PolicyFilterSession:
 
     @property
     def lacking(self) -> Vec:
-        """Estimate of the torques that the model lacks ``(n,)`` [N m]."""
+        """Estimate of the torques that the model lacks, after the wrench on a free base ``(k,)`` [N m, N]."""
         return self._prediction.lacking.copy()
 
     def reset(self) -> None:

@@ -123,9 +123,9 @@ class TorqueProgram(Program):
         laws = formulation.laws(stack)
         held = reactions(stack)
         self.dt, self._laws = dt, laws
-        self.actuation = require_actuation(held, robot, dt, laws)
-        exact = is_exact(price)
         loads = loads_of(stack)
+        self.actuation = require_actuation(held, robot, dt, laws, any(getattr(load, "base", False) for load in loads))
+        exact = is_exact(price)
         groups = lay_out(stack, robot, held=(*held, *loads), torque=True, contacts_first=not exact)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
         picked = [e for e in motion if selection_of(e, robot) is not None]

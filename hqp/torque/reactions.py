@@ -64,7 +64,7 @@ def actuation(J: Mat, U: Mat, tolerance: float = RANK_TOLERANCE) -> Actuation:
     return Actuation(m, rank, least, full, float(both[-1]) if full == nv and both.size >= nv else 0.0, nv)
 
 
-_KNOWN: WeakKeyDictionary[Robot, dict[tuple[Element, ...], Actuation]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Robot, dict[tuple[tuple[Element, ...], bool], Actuation]] = WeakKeyDictionary()
 """Cache of complete sets: a change of stack within the loop need not find it again."""
 
 AROUND = 0.3
@@ -93,12 +93,18 @@ def _rank(J: Mat) -> int:
     return int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
 
 
-def require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
-    """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it."""
+def require_actuation(
+    held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law], free: bool = False
+) -> Actuation:
+    """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it.
+
+    free: the base moves under a known wrench, which counts as its motor.
+    """
     known = _KNOWN.setdefault(robot, {})
-    key = tuple(held)
+    key = tuple(held), free
     if key not in known:
-        known[key] = _find_actuation(held, robot, dt, laws)
+        base = np.eye(6 if free and robot.floating else 0, robot.nv)
+        known[key] = _find_actuation(held, robot, dt, laws, np.vstack((base, robot.actuation)))
     return known[key]
 
 
@@ -128,16 +134,18 @@ def _around_home(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping
         yield rows.J
 
 
-def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
+def _find_actuation(
+    held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law], actuated: Mat
+) -> Actuation:
     twin = robot.copy()
     require_inertia(twin)
     found = []
     for J in _around_home(held, twin, dt, laws):
-        found.append(actuation(J, robot.actuation))
+        found.append(actuation(J, actuated))
         if found[-1].complete:
             return found[-1]
     names = ", ".join(e.name for e in held) or "no contacts or couplings"
-    loose = ", ".join(_undetermined(next(_around_home(held, twin, dt, laws)), robot))
+    loose = ", ".join(_undetermined(next(_around_home(held, twin, dt, laws)), actuated, robot))
     raise DeclarationError(
         "subject_to",
         f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; given {names}"
@@ -147,9 +155,9 @@ def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapp
     )
 
 
-def _undetermined(J: Mat, robot: Robot) -> list[str]:
+def _undetermined(J: Mat, actuated: Mat, robot: Robot) -> list[str]:
     """Joints that move while constraints hold and motors stand, each once."""
-    _, sizes, V = np.linalg.svd(np.vstack((J, robot.actuation)))
+    _, sizes, V = np.linalg.svd(np.vstack((J, actuated)))
     rank = int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
     moved = np.flatnonzero(np.abs(V[rank:]).max(axis=0, initial=0.0) > RANK_TOLERANCE)
     return list(dict.fromkeys(robot.joint_name(int(i)).split("[")[0] for i in moved))

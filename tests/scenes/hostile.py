@@ -15,7 +15,7 @@ KINDS = ("positions", "velocities", "torques")
 
 
 class Plant:
-    """Joints of a robot under gravity whose base is held, by Pinocchio in four steps a period.
+    """Joints of a robot by Pinocchio in four steps a period: the base held under gravity, or adrift without it.
 
     Servos act within the period, by an implicit step; drives of velocities are ideal.
     """
@@ -29,8 +29,11 @@ class Plant:
         self._model = pin.Model(robot.model)
         kp, kd = self.servos.kp, self.servos.kd
         self._model.armature[robot.actuated] += self.step * (kd + self.step * kp)
-        if robot.floating:  # a base that nothing moves
+        self._stands = robot.floating and not session.declared.free(robot)
+        if self._stands:  # a base that nothing moves
             self._model.armature[:6] = 1e9
+        elif robot.floating:
+            self._model.gravity = pin.Motion.Zero()
         self._data = self._model.createData()
 
     def move(self, command: Any) -> None:
@@ -48,7 +51,7 @@ class Plant:
                 tau[own] = self.servos.torque(command, angles + self.step * v, v)
             tau[own] += self.load
             self.v = self.v + self.step * pin.aba(self._model, self._data, self.q, self.v, tau)
-            self.v[: 6 * robot.floating] = 0.0
+            self.v[: 6 * self._stands] = 0.0
             self.q = pin.integrate(robot.model, self.q, self.step * self.v)
 
 

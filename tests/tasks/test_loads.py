@@ -290,6 +290,32 @@ def test_a_joint_load_is_an_armature_and_a_torque(robots: dict[str, Any], name: 
         )
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_base_moves_freely_under_its_load(robots: dict[str, Any], seed: int) -> None:
+    """Without contacts: Pinocchio's forward dynamics with the wrench in the base's axes give the acceleration."""
+    robot, rng = robots["g1"], np.random.default_rng(seed)
+    load = t.JointLoad(base=True, inertia=0.1)
+    stack = Stack(Level(t.Posture()), subject_to=[load])
+    session = hqp.Controller(stack, hqp.Torque(holding=None), deadline=math.inf).session(robot, DT)
+    columns = np.concatenate((np.arange(6 * robot.floating), robot.actuated))
+    model = pin.Model(robot.model)
+    model.armature[robot.actuated] += 0.1
+    for _ in range(3):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.3, 0.3, robot.nv), 1.0), rng.normal(size=robot.nv)
+        d = rng.uniform(-20.0, 20.0, columns.size)
+        tick = session.step(robot.state(q, v), load.at(d))
+        assert tick.status is Status.OPTIMAL
+        tau = robot.actuation.T @ tick.command
+        tau[columns] += d
+        found = session.program.acceleration(tick.x)
+        np.testing.assert_allclose(
+            pin.aba(model, model.createData(), q, v, tau), found, atol=1e-6 * np.abs(found).max()
+        )
+    with pytest.raises(DeclarationError, match="base"):
+        hqp.Controller(stack.without(load.name), hqp.Torque(holding=None)).session(robot, DT)
+    assert load.inertias(robots["panda"])[0].size == robots["panda"].actuated.size
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_constraints_change_the_nominal_torque_as_forces_of_contacts(robots: dict[str, Any], seed: int) -> None:
     """Gauss: with a task tau - tau_n = J^T f, with one joint beyond its limit a multiple of its own unit vector."""
