@@ -7,24 +7,16 @@
 #include <vector>
 
 #include "../solver/metric_root.hpp"
+#include "../solver/soft_rows.hpp"
 #include "coordinates.hpp"
-#include "least_distance.hpp"
-#include "stage_rows.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
 class Choice {
  public:
-  // n, rows: at most.  Relative to 1 + |bound| a row is at its bound within `activity`, and violated beyond
-  // `violation`.
-  Choice(int n, int rows, double activity, double violation, Deadline& deadline)
-      : n_(n),
-        activity_(activity),
-        violation_(violation),
-        at_(n, kLost, kUncertain, true),
-        rows_(n, rows + n, 0, padded(n)),
-        least_(n, rows + n, deadline) {
+  // n, rows: at most.
+  Choice(int n, int rows) : n_(n), at_(n, kLost, kUncertain, true), rows_(n, rows) {
     const std::size_t all = static_cast<std::size_t>(n);
     for (auto* part : {&Z_, &stack_, &root_}) part->resize(all * all);
     for (auto* part : {&z_, &step_, &target_}) part->resize(all);
@@ -77,15 +69,9 @@ class Choice {
     dots_any(a, Z_.data(), n_, free_, n_, b);
     const double length = std::sqrt(dot_any(a, a, n_)), seen = std::sqrt(dot_any(b, b, free_));
     if (seen <= kDirection * length) return;
-    const double value = dot_any(a, x_, n_), bound = std::fabs(std::isfinite(low) ? low : high);
-    StageRow row;
-    row.a = b;
-    row.size = seen;
-    row.lower = low == high ? 0.0 : low - value;
-    row.upper = low == high ? 0.0 : high - value;
-    row.spare = activity_ * smaller(length, 1.0);
-    row.tolerated = violation_ * (smaller(length, 1.0) + bound);
-    bounds_.push_back(row);
+    const double value = dot_any(a, x_, n_);
+    if (low == high) low = high = value;
+    bounds_.push_back({b, smaller(low - value, 0.0), larger(high - value, 0.0)});
   }
 
   // Move x, the point of begin(), to the answer; return false if that fails.  metric (n, n), origin (n), or null.
@@ -93,10 +79,17 @@ class Choice {
     std::fill(z_.begin(), z_.end(), 0.0);
     if (!metric) by_length(origin);
     else if (!by_metric(metric, origin)) return true;
-    rows_.begin(at_, free_);
-    for (const StageRow& row : bounds_) rows_.add(row);
-    at_.motion(z_.data(), y_.data());
-    if (!least_.solve(rows_, free_, y_.data())) return false;
+    rows_.begin(free_);
+    at_.motion(z_.data(), rows_.z());
+    for (const Bound& row : bounds_) {
+      at_.row(row.a, y_.data());
+      const double length = std::sqrt(dot_any(y_.data(), y_.data(), free_)), base = dot_any(row.a, at_.still(), free_);
+      if (length == 0.0) continue;
+      for (int j = 0; j < free_; ++j) rows_.next()[j] = y_[j] / length;
+      rows_.add(base / length, row.low / length, row.high / length, kMet, length);
+    }
+    if (!rows_.minimise()) return false;
+    std::copy(rows_.z(), rows_.z() + free_, y_.begin());
     at_.point(y_.data(), z_.data());
     add_rows(x, Z_.data(), n_, free_, 1.0, z_.data(), 1, n_);
     return true;
@@ -137,13 +130,17 @@ class Choice {
     for (int j = 0; j < n_; ++j) step_[j] = x_[j] - (origin ? origin[j] : 0.0);
   }
 
+  // A row along the basis, and its bounds from x on.
+  struct Bound {
+    const double* a;
+    double low, high;
+  };
+
   int n_, free_ = 0;
-  double activity_, violation_;
   const double* x_ = nullptr;
   Coordinates at_;
-  StageRows rows_;
-  LeastDistance least_;
-  std::vector<StageRow> bounds_;
+  SoftRows rows_;
+  std::vector<Bound> bounds_;
   std::vector<double> Z_, stack_, root_, z_, step_, target_, y_, a_;
 };
 

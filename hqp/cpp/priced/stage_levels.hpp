@@ -30,7 +30,7 @@ class StageLevels final : public PricedStages {
         accounts_(n, levels_.all()),
         settled_(n, levels_.all(), levels_.total(), tolerances.met),
         stage_(levels_, above_, motions_, n, tolerances, deadline_),
-        choice_(n, levels_.total(), tolerances.activity, tolerances.violation, deadline_),
+        choice_(n, levels_.total()),
         x_(n) {
     for (int k = 0; k < levels; ++k)
       if (priced[k]) last_ = k;

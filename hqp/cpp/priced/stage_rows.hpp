@@ -20,8 +20,6 @@ struct StageRow {
   int band = -1;           // its own coordinate of y, -1 without one
   double share = 0.0;      // factor of the band
   double size = 0.0;       // |a|, or the share of an added row if that is larger
-  double spare = 0.0;      // extra room at its bounds for a choice
-  double tolerated = 0.0;  // violation that a choice may have
 
   bool equal() const { return lower == upper; }
   double value(const double* x, const double* y, int n) const {

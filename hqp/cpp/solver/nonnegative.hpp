@@ -17,8 +17,6 @@ class NonnegativeLeastSquares {
   double* mu = nullptr;             // (count,)
   double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
-  double dependent = kNoRate;       // share of a column's length that adds a direction
-  double rounding = 0.0;            // error of a column's direction, over the least that a column before it kept
   Deadline* deadline = nullptr;     // if it ends the search, the result is unusable
 
   void layout(Arena& arena, int n, int most) {
@@ -35,7 +33,6 @@ class NonnegativeLeastSquares {
     arena.place(q_, (n + 1) * wide);
     arena.place(r_, (n + 1) * wide);
     arena.place(along_, n + 1);
-    arena.place(kept_, n + 1);
     arena.place(t_, n);
   }
 
@@ -86,8 +83,8 @@ class NonnegativeLeastSquares {
   int ld_ = 0, size_ = 0, chosen_ = 0;
   int* order_ = nullptr;  // (chosen,) passive columns in the order of the factor
   std::int8_t* skip_ = nullptr;
-  double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr, *kept_ = nullptr,
-         *t_ = nullptr;  // columns = Q' R, along = Q t, kept: remaining length of each column, when it joined
+  double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr,
+         *t_ = nullptr;  // columns = Q' R, along = Q t
 
   bool late() const { return deadline && deadline->passed(); }
   double norm(const double* y) const { return std::sqrt(dot_any(y, y, size_)); }
@@ -108,10 +105,7 @@ class NonnegativeLeastSquares {
         add_any(fresh, q(j), -f, size_);
       }
     const double left = norm(fresh);
-    double kept = 1.0;
-    for (int j = 0; j < chosen_; ++j) kept = smaller(kept, kept_[j]);
-    if (!(left > larger(dependent, rounding / kept) * whole)) return false;
-    kept_[chosen_] = left / whole;
+    if (!(left > kNoRate * whole)) return false;
     top[chosen_] = left;
     for (int i = 0; i < size_; ++i) fresh[i] /= left;
     along_[chosen_] = dot_any(fresh, t_, size_);

@@ -41,7 +41,7 @@ class SoftRows {
     look();
     for (int k = 0; k < count_; ++k) {
       const double out = off(k, value_[k]);
-      side_[k] = out > 0.0 ? 1 : out < 0.0 ? -1 : 0;
+      side_[k] = is_equality(k) || out > 0.0 ? 1 : out < 0.0 ? -1 : 0;
     }
     double last = INFINITY;  // the square of the step before, on the same rows
     for (int round = 0; round < kEnough && solve(); ++round) {
@@ -84,6 +84,9 @@ class SoftRows {
     return value > high_[k] ? value - high_[k] : value < low_[k] ? value - low_[k] : 0.0;
   }
 
+  // An equality counts as exceeded wherever z is.
+  bool is_equality(int k) const { return low_[k] == high_[k]; }
+
   // value_ at z_.
   void look() {
     for (int k = 0; k < count_; ++k) value_[k] = base_[k] + dot_any(row(k), z_.data(), free_);
@@ -96,7 +99,7 @@ class SoftRows {
   bool arrive() {
     bool other = false;
     for (int k = 0; k < count_; ++k) {
-      if (side_[k] && side_[k] * ((value_[k] - bound(k)) + slope_[k]) >= 0.0) continue;
+      if (is_equality(k) || (side_[k] && side_[k] * ((value_[k] - bound(k)) + slope_[k]) >= 0.0)) continue;
       const double there = value_[k] + slope_[k], out = off(k, there);
       const double rounding = kLastDigits * (std::fabs(base_[k]) + std::fabs(there));
       const int now = out > rounding ? 1 : out < -rounding ? -1 : 0;
@@ -111,7 +114,7 @@ class SoftRows {
   void pass(double far) {
     for (int k = 0; k < count_; ++k) {
       const double slope = slope_[k], end = far * (1.0 + kLastDigits);
-      if (slope == 0.0) continue;
+      if (slope == 0.0 || is_equality(k)) continue;
       const double up = (high_[k] - value_[k]) / slope, down = (low_[k] - value_[k]) / slope;
       const bool above = slope > 0.0 ? up <= end : up > end, below = slope > 0.0 ? down > end : down <= end;
       side_[k] = above && high_[k] < INFINITY ? 1 : below && low_[k] > -INFINITY ? -1 : 0;
