@@ -32,7 +32,7 @@ class Gather {
   int rows_of_a_stage() const { return levels_.total() + levels_.most() + 2 * variables_; }
   // Rows no longer than this share of the longest are rounding: a level of such rows has no stage.
   double find_rounding() {
-    rows_.rounding(kRoundingRow * levels_.longest());
+    rows_.rounding(kRounding * levels_.longest());
     return rows_.rounding();
   }
 

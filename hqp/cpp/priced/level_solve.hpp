@@ -150,7 +150,7 @@ class LevelSolve final : public SolveCall {
       exact_.choose(end_.data(), false);
     }
     staged_ = first >= 0 && stages_->ended();
-    source_ = first < 0 || (staged_ && x) ? prefix : kNone;
+    source_ = first < 0 || (staged_ && x) ? prefix : -1;
     prefix_ = std::max(first, 0);
     return first;
   }
@@ -170,12 +170,12 @@ class LevelSolve final : public SolveCall {
   // The kernel with multipliers of the latest answer, of the levels above the stages if stages gave it; null if they
   // are not at hand, or if stages began on a face, which meets all rows above.
   BoundKernel* teller() {
-    BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &prefix(source_) : &exact_;
+    BoundKernel* kernel = source_ < 0 ? nullptr : source_ ? &prefix(source_) : &exact_;
     return kernel && kernel->write_multipliers() ? kernel : nullptr;
   }
   bool staged() const { return staged_; }
   // Mark the latest answer as found elsewhere.
-  void without_multipliers() { source_ = kNone, staged_ = false; }
+  void without_multipliers() { source_ = -1, staged_ = false; }
 
   // Set the time for the next solves [s], 0 for no limit; the exact kernel has its own.
   void limit(double seconds) override {
@@ -212,7 +212,6 @@ class LevelSolve final : public SolveCall {
 
  private:
   using Clock = std::chrono::steady_clock;
-  static constexpr int kNone = -1;
 
   std::size_t count() const { return exact_.rows().size(); }
   void make_stages() {
@@ -234,7 +233,7 @@ class LevelSolve final : public SolveCall {
               return one.first == level;
             })->second;
   }
-  double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
+  double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), std::numeric_limits<double>::min()) : 0.0; }
   static Solved summary(const Answer& answer) {
     return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
   }
@@ -255,7 +254,7 @@ class LevelSolve final : public SolveCall {
   double limit_;
   bool shortened_ = false;
   int prefix_ = 0;
-  int source_ = 0;  // origin of the latest answer: 0 exact kernel, else the level of a prefix, or kNone
+  int source_ = 0;  // origin of the latest answer: 0 exact kernel, else the level of a prefix, or -1
   bool staged_ = false;
   Clock::time_point began_;
 };

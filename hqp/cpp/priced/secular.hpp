@@ -12,9 +12,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr int kFew = 5;            // largest number of rotated rows: less than a pose has
-constexpr double kClearOf = 1e-5;  // mu above this fraction of the largest square is clear of rounding
-constexpr double kSquared = 2e-8;  // a step of Newton, relative to mu, that leaves rounding
+constexpr int kFew = 5;  // largest number of rotated rows: less than a pose has
 
 class Secular {
  public:
@@ -119,7 +117,7 @@ class Secular {
       const double square = at(multiplier_, slope), psi = 1.0 / std::sqrt(square);
       if (!(square > 0.0 && std::isfinite(square))) return false;
       if (step == 0 && multiplier_ == least && !(psi < price)) return false;  // the root lies below
-      if (!(std::abs(off) > kSquared * multiplier_)) break;
+      if (!(std::abs(off) > kLost * multiplier_)) break;
       off = (price - psi) / (psi * psi * psi * slope);
       multiplier_ += off;
     }

@@ -88,8 +88,6 @@ class ActiveSet {
   }
 
  private:
-  static constexpr double kGood = 1e-10;  // an answer that was judged and has a larger gap is lowered level by level
-  static constexpr double kOtherRanks[] = {0.1, 10.0};  // times the rank tolerance: each is nearly as right
   EqualityProblem& problem_ = state.problem;
   BlockExchange exchange_;
   PrimalDescent descent_;
@@ -114,7 +112,7 @@ class ActiveSet {
       state.outcome = Outcome::time_limit;
       return;
     }
-    if (passed && judge_.gap <= kGood) {
+    if (passed && judge_.gap <= kActive) {
       if (!ended) take_working_set();
       state.outcome = Outcome::optimal;
       doubt();
@@ -142,7 +140,7 @@ class ActiveSet {
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
     if (!found) return;
-    if (!(problem_.table.uneven && conditions_.closest >= SearchState::kDoubt)) doubt();
+    if (!(problem_.table.uneven && conditions_.closest >= kEither * kEither)) doubt();
     doubt_forces();
   }
 
@@ -168,7 +166,7 @@ class ActiveSet {
 
   // An optimum that rests on an unclear rank is uncertain, unless the data's last digits do not move it.
   void doubt() {
-    if (problem_.tableau.closest >= SearchState::kDoubt && conditions_.closest >= SearchState::kDoubt) return;
+    if (problem_.tableau.closest >= kEither * kEither && conditions_.closest >= kEither * kEither) return;
     settled = !moves();
     if (!settled) state.outcome = Outcome::rank_uncertain;
   }
@@ -176,11 +174,10 @@ class ActiveSet {
   // An optimum is uncertain if it is one only because of rows whose forces are smaller than its allowed gap: nearly
   // opposed rows have such forces by rounding, and holding them or not decides the remaining freedom.
   void doubt_forces() {
-    if (state.outcome == Outcome::optimal && judge_.rests_on_less(Conditions::kSlop))
-      state.outcome = Outcome::rank_uncertain;
+    if (state.outcome == Outcome::optimal && judge_.rests_on_less(kViolated)) state.outcome = Outcome::rank_uncertain;
   }
 
-  // Return true if the working set has its point elsewhere than at x, or moves it by more than kGood, relative,
+  // Return true if the working set has its point elsewhere than at x, or moves it by more than kActive, relative,
   // under an error of kNoRate in the multipliers, another rank tolerance, or growth without doubt.
   bool moves() {
     Table& table = problem_.table;
@@ -203,7 +200,7 @@ class ActiveSet {
     }
     double& tolerance = problem_.tableau.rank_tolerance;
     const double own = tolerance;
-    for (const double factor : kOtherRanks) {
+    for (const double factor : {1.0 / kEither, kEither}) {
       if (!still) break;
       tolerance = factor * own;
       problem_.factorise();
@@ -226,7 +223,7 @@ class ActiveSet {
   bool is_still() const {
     const Table& table = problem_.table;
     const double* x = state.point.x;
-    const double most = kGood * larger(1.0, table.largest(x));
+    const double most = kActive * larger(1.0, table.largest(x));
     for (int i = 0; i < table.n; ++i)
       if (!(std::fabs(table.inside_box(i, problem_.tableau.x[i]) - x[i]) <= most)) return false;
     return true;

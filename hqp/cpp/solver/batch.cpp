@@ -34,9 +34,9 @@ class Batch {
         const hqp::Tolerances& tolerances)
       : n_(n), rows_(rows), metric_(metric), options_(options), priced_(priced), tolerances_(tolerances) {
     if (priced.size() != rows.size()) throw nb::value_error("a level is priced or not");
-    if (n < 1 || n > kMost) throw nb::value_error("n must lie in 1..10000");
+    if (n < 1 || n > hqp::kLargest) throw nb::value_error("n must lie in 1..10000");
     for (int m : rows) {
-      if (m < 0 || m > kMost) throw nb::value_error("rows of a level must lie in 0..10000");
+      if (m < 0 || m > hqp::kLargest) throw nb::value_error("rows of a level must lie in 0..10000");
       total_ += m;
     }
   }
@@ -213,7 +213,6 @@ class Batch {
     answer.iterations += stages.iterations();
   }
 
-  static constexpr int kMost = 10000;
   static constexpr std::size_t kChunk = 16;
   int n_;
   std::vector<int> rows_;

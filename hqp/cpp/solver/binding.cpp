@@ -106,7 +106,7 @@ class Workspace final : public hqp::SolveCall {
   // Set the arguments of solution(): the class, the statuses by outcome, and the slices of each level.
   void report_as(const nb::object& solution, const nb::tuple& statuses, const nb::tuple& slack, const nb::tuple& active,
                  const nb::tuple& multipliers, const nb::str& stopped, const nb::str& unsure) {
-    if (!PyType_Check(solution.ptr()) || statuses.size() != kOutcomes)
+    if (!PyType_Check(solution.ptr()) || statuses.size() != static_cast<std::size_t>(hqp::Outcome::invalid))
       refuse("report_as takes a class and one status an outcome");
     solution_ = solution;
     statuses_ = statuses;
@@ -255,9 +255,6 @@ class Workspace final : public hqp::SolveCall {
   }
 
  private:
-  static constexpr int kMost = 10000;
-  static constexpr std::size_t kOutcomes = 6;
-
   hqp::Answer unlocked() {
     require_bound();
     const nb::gil_scoped_release release;
@@ -278,12 +275,13 @@ class Workspace final : public hqp::SolveCall {
   }
 
   static int checked(int n) {
-    if (n < 1 || n > kMost) refuse("n must lie in 1.." + std::to_string(kMost) + ", given " + std::to_string(n));
+    if (n < 1 || n > hqp::kLargest)
+      refuse("n must lie in 1.." + std::to_string(hqp::kLargest) + ", given " + std::to_string(n));
     return n;
   }
   static const std::vector<int>& checked(const std::vector<int>& rows) {
     for (const int m : rows)
-      if (m < 0 || m > kMost) refuse("rows of a level must lie in 0.." + std::to_string(kMost));
+      if (m < 0 || m > hqp::kLargest) refuse("rows of a level must lie in 0.." + std::to_string(hqp::kLargest));
     return rows;
   }
 

@@ -17,8 +17,6 @@ inline namespace HQP_ISA {
 // active rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable,
 // then the table's. All rows count with unit length.
 struct Conditions {
-  static constexpr double kSlop = 1e-8;  // activity, relative to the row's terms, and largest gap of an optimum
-
   enum State : std::int8_t {
     kAhead = 0,
     kFixed = 1,
@@ -43,7 +41,7 @@ struct Conditions {
   int* order = nullptr;             // (rows of a level,) its rows, the longest first
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
-  double activity = kSlop;          // tolerance of activity, relative to a row's terms
+  double activity = kViolated;      // tolerance of activity, relative to a row's terms
   double threshold = kDirection;    // a direction counts above this
   double shortest = 1.0;            // shortest significant direction: its inverse magnifies rounding
   double closest = kInfinity;       // nearest a direction came to kDirection, as a ratio >= 1
@@ -105,7 +103,7 @@ struct Conditions {
   double allowed() const {
     double forces = 0.0;
     for (int a = 0; a < active; ++a) forces += columns.mu[a];
-    return kSlop + smaller(kTurned, kRounding * (1.0 / shortest + forces));
+    return kViolated + smaller(kTurned, kRounding * (1.0 / shortest + forces));
   }
 
   // Return the relative remainder of the level's gradient after subtracting the best multipliers of the active rows.
@@ -133,8 +131,9 @@ struct Conditions {
     const Table& t = *table;
     const Block& b = t.block[k];
     listed_ = 0;
-    const double least = larger(
-        lock, 100.0 * own);  // lock of a force in the null space; a force within the gap's effect is not significant
+    const double least =
+        larger(lock, kEither * kEither *
+                         own);  // lock of a force in the null space; a force within the gap's effect is not significant
     for (int a = 0; a < active; ++a) {
       const int q = id[a];
       const double force = columns.mu[a] * null_space.length(projected(q));
@@ -308,7 +307,7 @@ struct Conditions {
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
     reduced.solve(m, f, kNoStep / shortest, more);
-    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kNoRate, kRounding / kSlop,
+    scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kNoRate, kRounding / kViolated,
                               y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
     null_space.rank = base;
@@ -331,7 +330,7 @@ struct Conditions {
     null_space.rank = base;
     double most = 0.0;
     for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));
-    const double rounding = (kSlop + smaller(kTurned, kRounding / shortest)) * b.norm * t.largest(x);
+    const double rounding = (kViolated + smaller(kTurned, kRounding / shortest)) * b.norm * t.largest(x);
     return reach > rounding ? (reach - rounding) / most : 0.0;
   }
 
@@ -352,10 +351,10 @@ struct Conditions {
     }
   }
 
-  // Reflect along (1, 1.3, 1.6, 1, ...).
+  // Reflect along (1, 2, 3, 1, ...).
   void twist(double* y) const {
     if (!twisted) return;
-    const auto axis = [](int i) { return 1.0 + 0.3 * (i % 3); };
+    const auto axis = [](int i) { return 1.0 + i % 3; };
     double sum = 0.0, square = 0.0;
     for (int i = 0; i < n; ++i) sum += axis(i) * y[i];
     for (int i = 0; i < n; ++i) square += axis(i) * axis(i);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <ctime>
+#include <ratio>
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -9,7 +10,7 @@ inline namespace HQP_ISA {
 static inline double now() {
   timespec t;
   clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+  return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) / std::nano::den;
 }
 
 // A check takes 25 ns: every loop with iterations longer than 10 us checks, so that none ends much later.

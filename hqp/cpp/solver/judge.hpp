@@ -10,15 +10,12 @@ inline namespace HQP_ISA {
 
 class Judge {
  public:
-  // A row may count as fixed for the levels below above this relative multiplier, or above kLock.
-  static constexpr double kLeastLock = 1e-13;
-
   double gap = 0.0;  // the largest so far
 
   explicit Judge(Conditions& conditions) : at_(conditions) {}
 
-  // Return true if the point is optimal under either reading of small multipliers, and of directions near kDirection;
-  // false after the deadline.
+  // Return true if the point is optimal under either reading of small multipliers, by which rows count as fixed for the
+  // levels below, and of directions near kDirection; false after the deadline.
   bool judge(const double* point) {
     for (int i = 0; i < at_.n; ++i) at_.x[i] = point[i];
     at_.closest = kInfinity;
@@ -26,7 +23,7 @@ class Judge {
     bool passed = false;
     for (const double reading : {1.0, 1.0 / kEither, kEither}) {
       at_.threshold = reading * kDirection;
-      passed = pass_twice(kLeastLock) || (!at_.deadline.passed() && pass_twice(kLock));
+      passed = pass_twice(kOnRow) || (!at_.deadline.passed() && pass_twice(kClearOf));
       reading_ = at_.threshold;
       if (passed || at_.closest > kEither) break;
     }
@@ -46,16 +43,13 @@ class Judge {
   }
 
  private:
-  static constexpr double kWell = 1e-5;    // a verdict with shorter directions than this is ill-conditioned
-  static constexpr double kEither = 10.0;  // a direction this near kDirection, as a ratio, may count or not
-  static constexpr double kLock = 1e-5;
   Conditions& at_;
   double reading_ = kDirection;  // threshold of the latest verdict
 
-  // If ill-conditioned, repeat the verdict in coordinates with different rounding.
+  // If directions are short, repeat the verdict in coordinates with different rounding.
   bool pass_twice(double lock) {
     if (!pass(lock)) return false;
-    if (at_.shortest > kWell) return true;
+    if (at_.shortest > kClearOf) return true;
     at_.unseen.find(*at_.table);
     at_.twisted = true;
     const bool again = pass(lock);
@@ -65,7 +59,7 @@ class Judge {
 
   bool pass(double lock) {
     gap = 0.0;
-    at_.begin(Conditions::kSlop);
+    at_.begin(kViolated);
     for (int k = 0; k < at_.table->blocks && at_.null_space.freedom(); ++k) {
       const double own = at_.gap_of(k);
       gap = larger(gap, own);

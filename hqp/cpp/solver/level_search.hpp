@@ -32,41 +32,32 @@ class LevelSearch {
     at_.deadline.turn();
     at_.unseen.find(*at_.table);
     for (int i = 0; i < at_.n; ++i) at_.x[i] = from[i];
-    for (int turn = 0; turn < kPasses; ++turn) {
-      const bool moved = lower_all();
+    for (int before = -1; before < solves && !spent();) {
+      before = solves;
+      lower_all();
       if (at_.deadline.passed()) return false;
       for (int i = 0; i < at_.n; ++i) t_[i] = at_.x[i];
       if (judge_.judge(t_)) return true;
-      if (!moved) return false;
     }
     return false;
   }
 
  private:
-  static constexpr int kPasses = 4;       // over all levels
-  static constexpr int kIdle = 3;         // steps without progress that end a level with a passing gap
-  static constexpr int kLast = 16;        // steps without progress that end any level
-  static constexpr double kGain = 1e-10;  // least progress, relative to ||w_k||
-  static constexpr int kSolves = 20;      // times variables and rows, of one search
+  static constexpr int kSolves = 20;  // times variables and rows, of one search
   Conditions& at_;
   Judge& judge_;
   int kept_count_ = 0;
   double *d_ = nullptr, *dv_ = nullptr, *t_ = nullptr;
   int* kept_ = nullptr;
 
-  bool lower_all() {
+  void lower_all() {
     at_.begin(kAtBound);
-    bool moved = false;
     for (int k = 0; k < at_.table->blocks && at_.null_space.freedom(); ++k) {
       double own = at_.gap_of(k);
-      if (own > kNoRate) {
-        own = lower_level(k, own);
-        moved = true;
-      }
+      if (own > kNoRate) own = lower_level(k, own);
       if (at_.deadline.passed()) break;
-      at_.descend(k, Judge::kLeastLock, own);
+      at_.descend(k, kOnRow, own);
     }
-    return moved;
   }
 
   bool spent() { return solves >= kSolves * at_.all || at_.deadline.too_near(1.0); }
@@ -85,12 +76,12 @@ class LevelSearch {
       at_.find_active();
       const double size = at_.gradient(k);
       own = at_.gap_of(k);
-      if (size < least * (1.0 - kGain)) {
+      if (size < least * (1.0 - kNoRate)) {
         least = size;
         stalls = 0;
       } else if (own < 0.5 * nearest) {
         stalls = 0;
-      } else if (++stalls > (own > at_.allowed() ? kLast : kIdle)) {
+      } else if (++stalls > kIdle) {
         break;
       }
       nearest = smaller(nearest, own);

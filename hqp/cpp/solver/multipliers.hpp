@@ -60,12 +60,12 @@ struct Multipliers {
       if (!pending()) break;
       gradient(k);
       sweep_above(k, lambda);
-      const double least = norm * ((0.1 * tolerance) * length + kLastDigits * norm * span);
+      const double least = norm * ((tolerance / kEither) * length + kLastDigits * norm * span);
       const double limit = norm * ((tolerance + kLastDigits * tableau->growth) * length + kLastDigits * norm * span);
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
       faint_ = kOnRow * norm * length;
-      clear_ = larger(larger(kSeen, 10.0 * tolerance * tableau->growth) * norm * length, refined ? least : limit);
+      clear_ = larger(larger(kSeen, kEither * tolerance * tableau->growth) * norm * length, refined ? least : limit);
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
@@ -171,7 +171,7 @@ struct Multipliers {
 
   void own_signs(int k, const std::int8_t* W, double span, double length) {
     const Block& b = table->block[k];
-    const double unclear = larger(kLost, 10.0 * tolerance * tableau->growth) * length;
+    const double unclear = larger(kLost, kEither * tolerance * tableau->growth) * length;
     int left = 0;
     for (int q = 0; q < open_rows; ++q) {
       const int r = open[q];
@@ -215,8 +215,8 @@ struct Multipliers {
         continue;
       }
       const double force = std::fabs(lambda[r]) * t.norm[r];
-      const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
-      doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
+      const double error = refined ? kEither * std::fabs(delta[r]) * t.norm[r] : 0.0;
+      doubted = doubted || (force > faint_ && force < larger(clear_, kEither * error));
       if (!(force > limit && force > error)) open[left++] = r;
       else if (lambda[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, force};
     }
@@ -224,8 +224,8 @@ struct Multipliers {
     left = 0;
     for (int q = 0; q < open_variables; ++q) {
       const int i = open_x[q];
-      const double force = std::fabs(mu[i]), error = refined ? 10.0 * std::fabs(mu[i] - before[i]) : 0.0;
-      doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
+      const double force = std::fabs(mu[i]), error = refined ? kEither * std::fabs(mu[i] - before[i]) : 0.0;
+      doubted = doubted || (force > faint_ && force < larger(clear_, kEither * error));
       if (!(force > limit && force > error)) open_x[left++] = i;
       else if (mu[i] * F[i] < 0.0) to_release[count++] = WrongSign{k, i, true, force};
     }

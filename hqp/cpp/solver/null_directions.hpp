@@ -30,7 +30,7 @@ class NullDirections {
     if (known_) return;
     known_ = true;
     const int last = t.blocks - 1 - (t.has_metric ? 1 : 0);
-    const double rounding = 2.0 * t.block[0].rounding;
+    const double rounding = t.block[0].rounding;
     int m = 0;
     for (int k = t.constraint_blocks; k < last; ++k)
       for (int r = t.block[k].begin; r < t.block[k].end; ++r)
@@ -55,7 +55,7 @@ class NullDirections {
     }
     for (int k = 0; k < t.blocks; ++k) {
       const Block& b = t.block[k];
-      const double unseen = t.has_metric && k == last ? kUnseenByMetric * b.norm : rounding;
+      const double unseen = t.has_metric && k == last ? kLost * b.norm : rounding;
       unseeing_[k] = count_ > 0 && b.A != nullptr;
       for (int r = b.begin; r < b.end && unseeing_[k]; ++r)
         unseeing_[k] = along(b.A + static_cast<std::ptrdiff_t>(r - b.begin) * n_) <= unseen;
@@ -75,7 +75,6 @@ class NullDirections {
   }
 
  private:
-  static constexpr double kUnseenByMetric = 1e-8;  // share of the longest row of the metric's root
   NullSpace space_;
   int n_ = 0, ld_ = 0, count_ = 0;
   bool known_ = false;

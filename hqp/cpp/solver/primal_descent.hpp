@@ -54,7 +54,7 @@ class PrimalDescent {
     point_.current = false;
     seen_.forget();
     tableau_.recording = true;
-    tableau_.lowest = start.optimal < kAlone ? 0 : kAll;
+    tableau_.lowest = start.optimal < kAlone ? 0 : Tableau::kNowhere;
     if (start.current) release_some();
     const bool ended = descend();
     if (leaves_out()) take_all();
@@ -63,9 +63,7 @@ class PrimalDescent {
   }
 
  private:
-  static constexpr int kAll = 1 << 30;
   static constexpr int kAlone = 2;  // highest levels that are solved one after the other, without those below
-  static constexpr int kIdle = 16;  // largest number of successive steps of no length
   SearchState& state_;
   EqualityProblem& problem_;
   Table& table_;
@@ -138,7 +136,7 @@ class PrimalDescent {
 
   // From now on all levels count.
   void take_all() {
-    tableau_.lowest = kAll;
+    tableau_.lowest = Tableau::kNowhere;
     table_.rest_at(nullptr);
   }
 
@@ -147,7 +145,7 @@ class PrimalDescent {
     seen_.forget();
   }
 
-  // At the highest level that is held back: the strongest and those at least a quarter as strong.
+  // At the highest level that is held back: the strongest and those at least half as strong.
   void release_some() {
     const Multipliers& multipliers = state_.multipliers;
     const WrongSign* wrong = multipliers.to_release;
@@ -157,7 +155,7 @@ class PrimalDescent {
       if (wrong[q].level == level) most = larger(most, wrong[q].size);
     set_.changes.start(level);
     for (int q = 0; q < multipliers.count; ++q)
-      if (wrong[q].level == level && wrong[q].size >= 0.25 * most) set_.release(table_, wrong[q]);
+      if (wrong[q].level == level && wrong[q].size >= 0.5 * most) set_.release(table_, wrong[q]);
   }
 };
 

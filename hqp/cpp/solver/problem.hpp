@@ -15,6 +15,8 @@ struct Level {
   int m = 0;
 };
 
+constexpr int kLargest = 10000;  // number of variables, and of rows of a level
+
 struct Problem {
   const Level* levels = nullptr;
   int count = 0;
@@ -26,11 +28,9 @@ struct Problem {
 };
 
 struct Options {
-  double rank_tolerance = 1e-9;
-  double multiplier_tolerance = 1e-11;
-  double feasibility_tolerance = 1e-11;
-  double time_limit = 0.0;  // seconds, none if zero
-  int max_iterations = 0;   // automatic if zero
+  double rank_tolerance = 0.0, multiplier_tolerance = 0.0, feasibility_tolerance = 0.0;  // hqp/tolerances.py
+  double time_limit = 0.0;                                                               // seconds, none if zero
+  int max_iterations = 0;                                                                // automatic if zero
   int exchanges = 3;
   bool multipliers = false;
   double softness = 0.0;  // see soft_choice.hpp, 0: rows are kept to their bounds

@@ -20,8 +20,7 @@ struct Point {
 };
 
 struct SearchState {
-  static constexpr double kTurns = 2.0;    // one more turn like the last, and the remaining work after it
-  static constexpr double kDoubt = 100.0;  // a pivot this near is no clear decision
+  static constexpr double kTurns = 2.0;  // one more turn like the last, and the remaining work after it
 
   EqualityProblem problem;
   Multipliers multipliers;
@@ -74,7 +73,7 @@ struct SearchState {
 
   void accept() {
     go_to_solution();
-    if (problem.tableau.closest < kDoubt) outcome = Outcome::rank_uncertain;
+    if (problem.tableau.closest < kEither * kEither) outcome = Outcome::rank_uncertain;
   }
 
   // Return true if the solution may depend on rounding or on a rank decision.

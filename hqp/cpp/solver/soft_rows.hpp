@@ -43,11 +43,11 @@ class SoftRows {
       const double out = off(k, value_[k]);
       side_[k] = is_equality(k) || out > 0.0 ? 1 : out < 0.0 ? -1 : 0;
     }
-    double last = INFINITY;  // the square of the step before, on the same rows
+    double last = INFINITY;  // the square of the step before, on the same rows: it shrinks until it is rounding
     for (int round = 0; round < kEnough && solve(); ++round) {
       for (int k = 0; k < count_; ++k) slope_[k] = dot_any(row(k), step_.data(), free_);
       const double length = dot_any(step_.data(), step_.data(), free_), size = dot_any(z_.data(), z_.data(), free_);
-      const bool small = length <= kStill * kStill * (1.0 + size);
+      const bool small = length <= kSeen * kSeen * (1.0 + size);
       double far = 1.0, low = 0.0;
       if (!small && rise(1.0) > 0.0)
         for (int half = 0; half < kEnough; ++half) {
@@ -59,7 +59,7 @@ class SoftRows {
       if (!whole) pass(far);
       add_any(z_.data(), step_.data(), whole ? 1.0 : far, free_);
       look();
-      if (!other && (small || length > kShrinks * kShrinks * last)) return true;
+      if (!other && (small || kEither * kEither * length > last)) return true;
       last = other ? INFINITY : length;
     }
     return false;
@@ -75,9 +75,6 @@ class SoftRows {
   }
 
  private:
-  static constexpr double kStill = 1e-9;   // a step after which the rows that count as exceeded are certain
-  static constexpr double kShrinks = 0.1;  // share of the step before: a longer one on the same rows is rounding
-
   const double* row(int k) const { return &rows_[static_cast<std::size_t>(k) * free_]; }
 
   double off(int k, double value) const {

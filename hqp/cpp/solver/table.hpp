@@ -211,12 +211,12 @@ struct Table {
     for (int k = 0; k < blocks; ++k) most = larger(most, block[k].norm);
     for (int k = 0; k < blocks; ++k) {
       Block& b = block[k];
-      b.rounding = kRoundingRow * most;
+      b.rounding = kRounding * most;
       b.graded = false;
       const double usual = larger(kRests * b.norm, b.rounding);
       for (int r = b.begin; r < b.end; ++r) {
         b.graded = b.graded || (kind[r] != kFree && norm[r] < kGraded * b.norm && norm[r] > b.rounding);
-        uneven = uneven || (kind[r] != kFree && norm[r] < 1e-5 * b.norm && norm[r] > b.rounding);
+        uneven = uneven || (kind[r] != kFree && norm[r] < kClearOf * b.norm && norm[r] > b.rounding);
         shortened = shortened || (kind[r] != kFree && kDirection * norm[r] < b.rounding && norm[r] > b.rounding);
         if (kind[r] == kFree || norm[r] <= usual) continue;
         const double nearest = smaller(std::fabs(lower[r]), std::fabs(upper[r]));

@@ -92,9 +92,9 @@ struct Tableau {
   double closest = kInfinity;   // nearest a pivot came to the rank tolerance, as a ratio >= 1
   bool any_fixed = false;
   int gram_free = 0;
-  double rank_tolerance = 1e-9;
-  double least = 0.0;  // smallest entry of `diagonal`
-  static constexpr int kNowhere = 1 << 30;
+  double rank_tolerance = 0.0;
+  double least = 0.0;                       // smallest entry of `diagonal`
+  static constexpr int kNowhere = 1 << 30;  // no place, and a level below all
 
   void layout(Arena& arena, int n_, int blocks, const int* m) {
     n = n_;

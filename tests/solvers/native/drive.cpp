@@ -87,7 +87,7 @@ int main(int argc, char** argv) {
       hqp::Problem problem;
       problem.levels = levels.data();
       problem.count = size[1];
-      hqp::Options options;
+      hqp::Options options{1e-9, 1e-11, 1e-11};
       hqp::Answer answer;
       answer.x = x.data();
       answer.slack = slack.data();
