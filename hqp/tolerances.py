@@ -6,7 +6,7 @@ algorithm alone stands beside it.
 
 from __future__ import annotations
 
-ROUNDING = 2e-15
+ROUNDING = 4e-15
 """Share of a problem's longest row: rows shorter than this fraction are rounding noise, no solver follows them."""
 
 RANK_TOLERANCE = 1e-9

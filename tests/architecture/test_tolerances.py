@@ -12,18 +12,15 @@ from hqp import tolerances
 CPP = Path(__file__).parents[2] / "hqp" / "cpp"
 
 SAME = [
-    ("solver/judge.hpp", "kEither", "EITHER_RANK"),
+    ("solver/tolerances.hpp", "kEither", "EITHER_RANK"),
     ("solver/conditions.hpp", "kTurned", "LARGEST_ROUNDING"),
-    ("solver/judge.hpp", "kLock", "LOCK_TOLERANCE"),
-    ("solver/judge.hpp", "kLeastLock", "SMALLEST_LOCK"),
+    ("solver/tolerances.hpp", "kClearOf", "LOCK_TOLERANCE"),
+    ("solver/tolerances.hpp", "kOnRow", "SMALLEST_LOCK"),
     ("solver/table.hpp", "kGraded", "GRADED_ROWS"),
     ("solver/tolerances.hpp", "kActive", "ACTIVITY_TOLERANCE"),
-    ("solver/problem.hpp", "rank_tolerance", "RANK_TOLERANCE"),
-    ("solver/problem.hpp", "multiplier_tolerance", "MULTIPLIER_TOLERANCE"),
-    ("solver/problem.hpp", "feasibility_tolerance", "FEASIBILITY_TOLERANCE"),
     ("solver/tolerances.hpp", "kDirection", "CERTIFIED_RANK_TOLERANCE"),
     ("solver/tolerances.hpp", "kRounding", "NULL_SPACE_ROUNDING"),
-    ("solver/tolerances.hpp", "kRoundingRow", "ROUNDING"),
+    ("solver/tolerances.hpp", "kRounding", "ROUNDING"),
     ("solver/tolerances.hpp", "kSeen", "FLAT_ROW"),
     ("solver/tolerances.hpp", "kSeen", "RANK_TOLERANCE"),
     ("solver/tolerances.hpp", "kViolated", "VIOLATION_TOLERANCE"),
