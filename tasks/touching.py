@@ -74,8 +74,8 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     convex hulls take the place of its capsules, if they are apart from the capsules of the other link at home.  If
     they are not, or if the shapes touch in less than half of the configurations that they exclude, a few edges of
     either link's hulls, which the hulls of the other stay away from, take the place of all capsules, if the shapes
-    touch in more than half of those that edges exclude.  If all of these are needless, the clearance of the two links
-    is halved, up to three times: links that pass each other closely by their design keep a smaller distance.
+    touch in more than a third of those that edges exclude.  If all of these are needless, the clearance of the two
+    links is halved, up to three times: links that pass each other closely by their design keep a smaller distance.
 
     Configurations are drawn within the joint ranges; pairs that come near in fewer than 100 of 2000 count, unless their
     capsules overlap at home.  Shapes are those that capsules are fitted to; other capsules are the shapes themselves.
@@ -366,7 +366,7 @@ class _Closer:
                     excludes[draws] = gap < kept(self._clearance, float(gap[0]))
                     rows.append((excludes, edge, hull))
         side = self._judged(rows) if rows else None
-        return side if side and side.touching > MOST else None
+        return side if side and side.touching > SPARED else None
 
     def _judged(self, rows: list[_Row]) -> _Side | None:
         """The rows of a side that are needed; None if their shapes touch too rarely."""

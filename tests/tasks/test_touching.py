@@ -141,7 +141,7 @@ def test_pairs_that_touch_have_a_row_and_needless_pairs_none(name: str) -> None:
             assert touching > 0.35 or share * (1.0 - touching) < 0.45 * (1.0 - share * touching)
             assert touching > 0.0 or share < 0.3
         else:
-            assert touching < 0.5
+            assert touching < 0.65  # half, and three deviations of the draw
 
 
 def test_capsules_of_a_file_have_the_pairs_of_shipped_ones(tmp_path: Any) -> None:
