@@ -75,7 +75,7 @@ class PolicyFilter:
     torques ``approach`` is 60 / s unless it has one.  kp [N m/rad], kd [N m s/rad]: gains of the servos that take
     position targets, a number, one for each actuated joint or by name.
     command: kind of the policy's and the sent command, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
-    held: true for a floating base on a stand: its motion is as measured, whatever the torques.
+    held: true for a floating base on a stand: torques do not change its measured motion.
     Raises DeclarationError for fields.
     """
 
@@ -109,8 +109,8 @@ class PolicyFilter:
 
         Its element ``policy`` takes v*, or tau*; ``lacking`` the load d of positions and torques.
         """
-        names, servos, free = robot.joint_names, self.servos(robot, dt), self.free(robot)
-        base: list[Element] = [PrescribedMotion(name="base")] if robot.floating and not free else []
+        names, servos = robot.joint_names, self.servos(robot, dt)
+        base: list[Element] = [PrescribedMotion(name="base")] if robot.floating and not self.free(robot) else []
         apart: list[Element] = [] if self.collision is None else [self.collision]
         limits = default_limits(robot, self.command != "velocities") if self.limits is None else (self.limits,)
         if self.command == "velocities":
@@ -122,7 +122,7 @@ class PolicyFilter:
             apart = [replace(self.collision, approach=APPROACH)]
         forces: list[Element] = [
             *([TorqueLimits(joints=limited)] if limited else []),
-            JointLoad(joints=names, inertia=servos.stiffening.tolist(), base=free, name="lacking"),
+            self.lacking(robot, dt),
             NominalTorque(name="policy"),
         ]
         stack, _ = within_holding(Stack(subject_to=[*base, *limits, *forces, *apart]), robot, HOLDING)
@@ -131,6 +131,11 @@ class PolicyFilter:
     def free(self, robot: Robot) -> bool:
         """True if the robot's base moves under the torques."""
         return robot.floating and not self.held and self.command != "velocities"
+
+    def lacking(self, robot: Robot, dt: float) -> JointLoad:
+        """The load d, with D of the servos."""
+        inertia = self.servos(robot, dt).stiffening.tolist()
+        return JointLoad(joints=robot.joint_names, inertia=inertia, base=self.free(robot), name="lacking")
 
     def servos(self, robot: Robot, dt: float) -> Servos:
         """The servos of the actuated joints, with gains of zero for commands without servos."""
@@ -164,12 +169,10 @@ class Prediction:
         self._rounding = ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))
         self._limited = self._forces & np.isfinite(self.servos.effort)
         self._largest = np.where(self._limited, np.minimum(self.servos.effort, LARGEST), LARGEST)
-        self._base = np.arange(6 if declared.free(robot) else 0)
-        self._columns = np.concatenate((self._base, self._own))
+        self._columns, self._stiffening = declared.lacking(robot, dt).inertias(robot)
+        self._first = self._columns.size - self._own.size  # of the joints, after the wrench on a free base
         weight = GRAVITY * robot.copy().state(robot.home).mass_matrix()[0, 0]
-        top = np.full(self._base.size, IMPACT * weight)
-        self._most = np.concatenate((top, np.minimum(self.servos.effort, UNLIMITED)))
-        self._stiffening = np.concatenate((0.0 * top, self.servos.stiffening))
+        self._most = np.append(np.full(self._first, IMPACT * weight), np.minimum(self.servos.effort, UNLIMITED))
         self._share: Vec | float = 1.0 / self.servos.kp if self._kind == "positions" else 1.0
         self.reset()
 
@@ -225,7 +228,7 @@ class Prediction:
             changed = changed | ~good
             rest = x
             if self._kind == "torques":  # x holds the joints with an older d
-                rest = x + (self._held - self.lacking)[..., self._base.size :]
+                rest = x + (self._held - self.lacking)[..., self._first :]
             elif self._kind == "positions":
                 rest = self._place + x / servos.kp
             sent = np.where(good, sent, rest)
@@ -269,7 +272,7 @@ class Prediction:
         before, then, tau = self._before
         a = (self._motion(state) - then) * (1.0 / self._dt)
         found = self._torques(before, a) + self._stiffening * a
-        found[..., self._base.size :] -= tau
+        found[..., self._first :] -= tau
         if not np.isfinite(found).all():
             found = np.where(np.isfinite(found), found, self.lacking)
         self.lacking = self.lacking + BLEND * (within(found, -self._most, self._most) - self.lacking)
