@@ -198,6 +198,7 @@ class _Drawn:
     def __init__(self, capsules: tuple[LinkCapsule, ...], places: Places, shapes: Any) -> None:
         self.capsules, self.places, self.shapes = capsules, places, shapes
         self._hulls: dict[int, tuple[LinkHull, ...]] = {}
+        self._touching: dict[tuple[int, int, int], bool] = {}
         self.ends = []
         for c in capsules:
             position, rotation = places[c.body]
@@ -227,8 +228,11 @@ class _Drawn:
 
     def bodies_touch(self, one: int, two: int, draw: int) -> bool:
         """Return true if the shapes of two bodies touch in a configuration."""
-        first, second = ((self.places[b][0][draw], self.places[b][1][draw]) for b in (one, two))
-        return bool(self.shapes.touch(one, two, first, second))
+        key = min(one, two), max(one, two), draw
+        if key not in self._touching:
+            first, second = ((self.places[b][0][draw], self.places[b][1][draw]) for b in key[:2])
+            self._touching[key] = bool(self.shapes.touch(*key[:2], first, second))
+        return self._touching[key]
 
     def hulls(self, i: int) -> tuple[LinkHull, ...]:
         """Hulls of the shapes of a capsule's link."""
@@ -321,12 +325,11 @@ class _Closer:
 
     def take(self, pairs: list[Pair], clearance: float) -> bool:
         """Take the hulls of the link that excludes fewer configurations; return false if neither is apart at home."""
-        self._clearance = clearance
         drawn, every = self._drawn, self._drawn.capsules
         both = _sides(every, pairs)
-        found = [self._side(both[k], drawn.hulls(both[1 - k][0])) for k in (0, 1)]
+        found = [self._side(both[k], drawn.hulls(both[1 - k][0]), clearance) for k in (0, 1)]
         if not any(side.touching > MOST for side in found if side):
-            found.append(self._edges(*both))
+            found.append(self._edges(*both, clearance))
         best = min((side for side in found if side), key=lambda side: side.excluded, default=None)
         for own, hull in best.rows if best else ():
             if own not in every and own not in self.edges:
@@ -337,7 +340,7 @@ class _Closer:
             self.pairs.append((number, self.hulls.index(hull)))
         return best is not None
 
-    def _side(self, own: list[int], hulls: tuple[LinkHull, ...]) -> _Side | None:
+    def _side(self, own: list[int], hulls: tuple[LinkHull, ...], clearance: float) -> _Side | None:
         """Rows of a link's capsules to the hulls of another; None if they overlap at home or are needless."""
         rows: list[_Row] = []
         for hull in hulls:
@@ -345,10 +348,10 @@ class _Closer:
                 gap = self._drawn.gap_to(capsule, hull)
                 if not gap[0] > 0.0:
                     return None
-                rows.append((gap < kept(self._clearance, float(gap[0])), capsule, hull))
+                rows.append((gap < kept(clearance, float(gap[0])), capsule, hull))
         return self._judged(rows)
 
-    def _edges(self, own: list[int], others: list[int]) -> _Side | None:
+    def _edges(self, own: list[int], others: list[int], clearance: float) -> _Side | None:
         """Rows of edges of the hulls of two links, each to a hull of the other link.
 
         None if they overlap at home, or exclude mostly configurations with shapes apart.
@@ -359,11 +362,11 @@ class _Closer:
                 gap = drawn.gap_to(one, two)
                 if not gap[0] > 0.0:
                     return None
-                near = np.flatnonzero(gap < kept(self._clearance, float(gap[0])))
+                near = np.flatnonzero(gap < kept(clearance, float(gap[0])))
                 for edge, hull in drawn.meeting(one, two, near):
                     draws, excludes = np.concatenate(([0], near)), np.zeros(DRAWS + 1, dtype=bool)
                     gap = drawn.gap_to(edge, hull, draws)
-                    excludes[draws] = gap < kept(self._clearance, float(gap[0]))
+                    excludes[draws] = gap < kept(clearance, float(gap[0]))
                     rows.append((excludes, edge, hull))
         side = self._judged(rows) if rows else None
         return side if side and side.touching > SPARED else None
