@@ -14,8 +14,8 @@ from .tracker import Pass, Tracker
 def woven(tracker: Tracker, passes: Sequence[Pass], losses: Sequence[Vec]) -> Mat:
     """Configurations ``(T, nq)`` of the way through the passes that loses least.
 
-    losses: of each pass by frame ``(T,)``.  A change of pass adds the number of frames that the slowest joint takes at
-    its speed limit.
+    losses: errors of each pass by frame ``(T,)``.  A change of pass adds the number of frames that the slowest joint
+    takes at its speed limit.
     """
     robot, lost = tracker.robot, np.array(losses)
     taken = np.array([[robot.state(q).angles for q in each.q] for each in passes])[:, :, robot.actuated]

@@ -118,7 +118,7 @@ class Stacks:
 
 
 def redundant(robot: Any, foot: Foot, leg: Sequence[str], start: Vec) -> list[str]:
-    """Joints of a leg beyond the six that place its foot: those that move most while foot and base stand still."""
+    """Joints of a leg beyond the six that place its foot; they move most while foot and base stand still."""
     columns = robot.joints(leg)
     jacobian = robot.copy().state(start).jacobian(foot.frame)[:, columns]
     still = np.linalg.svd(jacobian)[2][6:]  # (k, n), motions with the foot at rest

@@ -736,8 +736,8 @@ def test_the_last_pass_asks_for_the_low_passed_motion() -> None:
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
 def test_no_hand_is_to_be_lower_than_its_shapes_allow(name: str) -> None:
-    """However a hand is turned at its lowest target, its capsules reach the floor; of one around the hand's point, some
-    turn brings the capsule exactly there.  A person's hands below the floor are asked for on it."""
+    """A hand at its lowest target reaches the floor in any turn, with a single capsule exactly so in some turn.  Hands
+    of a person below the floor become targets on it."""
     robot, rng = hqp.robots.load(name), np.random.default_rng(4)
     found = find_map(None, robot)
     body = Body.of(robot, found)

@@ -123,7 +123,7 @@ def test_a_loaded_foot_that_slides_is_reported(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_feet_that_stand_correct_a_bias_that_jumps(seed: int) -> None:
-    """Of the accelerometer, by up to 2 m/s^2: a second later feet stand again, and the base rests."""
+    """The accelerometer's bias jumps by up to 2 m/s^2: a second later feet stand again, and the base rests."""
     rng = np.random.default_rng(seed)
     robot = hqp.robots.load("g1")
     estimator = FeetEstimator(robot, robot.landmarks["soles"], DT, robot.home)
