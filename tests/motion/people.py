@@ -52,6 +52,21 @@ def crouch(seconds: float = 1.5, fps: float = FPS) -> Motion:
     return Motion(NAMES, places, fps, PARENTS)
 
 
+def stretch(rise: float, seconds: float = 1.0, fps: float = FPS) -> Motion:
+    """Arms from the sides to overhead while all but the feet rises [m], and a rest there."""
+    motion = stand(seconds, fps=fps)
+    places = motion.positions.copy()
+    at = {name: i for i, name in enumerate(NAMES)}
+    for joints, share in zip(places, np.clip(np.linspace(-0.5, 1.5, len(places)), 0.0, 1.0), strict=True):
+        angle = 0.9 * np.pi * share
+        for side in ("Left", "Right"):
+            for name, length in (("ForeArm", 0.27), ("Hand", 0.51)):
+                along = length * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+                joints[at[f"{side}{name}"]] = joints[at[f"{side}Arm"]] + along
+        joints[[i for name, i in at.items() if "Foot" not in name and "Toe" not in name], 2] += rise * share
+    return Motion(NAMES, places, fps, PARENTS)
+
+
 def lift(seconds: float = 4.0, turn: float = 0.0, fps: float = FPS, size: Any = (0.3, 0.26, 0.24)) -> Motion:
     """Squat to a box on a crate, take it between both hands, stand up with it, turn it by ``turn`` [rad] about z."""
     count, edges = int(seconds * fps), np.array(size)

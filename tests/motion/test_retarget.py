@@ -19,11 +19,12 @@ from hqp.motion.holds import Hold
 from hqp.motion.shortfalls import NOTED, PARTS
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.smoothing import Course
+from hqp.motion.stacks import Stacks
 from hqp.motion.tracker import Pass, Tracker
 from hqp.search.starts import turned
 
 from .files import mirrored, renamed
-from .people import FPS, crouch, stand, walk, write_npz
+from .people import FPS, stand, stretch, walk, write_npz
 
 
 @pytest.fixture(scope="module")
@@ -109,18 +110,26 @@ def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(
         assert ends == [end, end]
 
 
-@pytest.mark.slow
-def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot() -> None:
-    """CBi's ankles bend less than a person's: its heels rise before its hands stay behind."""
-    found = retarget(crouch(), "cbi")
-    robot, feet = found.robot, find_map(None, found.robot).frames
-    tilt = [found.measures.errors[f"{side}_sole"].max() for side in ("left", "right")]
-    assert min(tilt) > 0.1
+@pytest.mark.parametrize(
+    ("name", "rise"),
+    [("g1", 0.34), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("cbi", 0.15), ("talos", 0.34)))],
+)
+def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot(
+    name: str, rise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Heels rise for hands that straight legs on flat soles do not lift high enough."""
+    motion, robot = stretch(rise), hqp.robots.load(name)
+    found, feet = retarget(motion, robot, collision=False), find_map(None, robot).frames
     assert found.summary["slide_share"] == 0.0
     assert found.summary["penetration"] < 2e-3
     for side in ("left", "right"):
+        assert found.measures.errors[f"{side}_sole"].max() > 0.1
         across = [robot.state(q).rotation(feet[f"{side}_sole"])[:, 1] for q in found.q]
         np.testing.assert_allclose(across, [across[0]] * len(found), atol=0.02)
+    monkeypatch.setattr(retargeting, "Stacks", lambda *of, **given: Stacks(*of, **(given | {"flat": True})))
+    flat = retarget(motion, robot, collision=False)
+    for hand in ("left_hand", "right_hand"):
+        assert found.measures.errors[hand][-1] < 0.3 * flat.measures.errors[hand][-1]
 
 
 @pytest.mark.parametrize("heading", [pytest.param(1.5, marks=pytest.mark.slow), 3.1])
