@@ -26,7 +26,7 @@ from .tracker import Pass, Tracker
 NODES = 60.0
 """Nodes of the plan per second, at least."""
 
-SHARE = 0.5
+SHARE = 0.75
 """Margin of the planned ZMP to the edge of a sole, as a share of the way to its middle: the rest is for feedback."""
 
 BENT = 0.35
@@ -35,8 +35,8 @@ BENT = 0.35
 PLANS = 3
 """Number of plans, each with the height that the legs reach under the one before."""
 
-ROUNDS = 2
-"""Number of passes, each planned with the angular momentum of the one before, and led by its joints below 6 Hz."""
+ROUNDS = 3
+"""Number of passes, each planned with height and momentum of the one before, and led by its joints below 6 Hz."""
 
 OUTSIDE = 0.01
 """Distance of a ZMP from the soles beyond which a frame counts as outside [m]."""
@@ -95,17 +95,18 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     own, spin = centroidal(robot, q, fps)
     each = max(1, int(fps / NODES))
     nodes, dt = slice(None, None, each), each / fps
-    supports, legs = supports_of(tracker, q[nodes], stands[nodes], margin=True), _legs(tracker, q[nodes])
-    times = np.minimum(np.arange(len(q)) / fps, (len(legs) - 1) * dt)
+    supports = supports_of(tracker, q[nodes], stands[nodes], margin=True)
+    times = np.minimum(np.arange(len(q)) / fps, (len(supports) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
     course = tracker.carries = CarriedCourse(tracker, q)
 
-    def once(before: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
-        plan, highest = None, np.full(len(legs), np.inf)
+    def once(before: Mat, reached: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
+        plan, highest, legs = None, np.full(len(supports), np.inf), _legs(tracker, before[nodes])
+        aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
-            plan = centroidal_plan(own[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
-            highest = _reached(stacks.body, own[nodes], plan.com, legs, stands[nodes])
+            plan = centroidal_plan(aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
+            highest = _reached(stacks.body, reached[nodes], plan.com, legs, stands[nodes])
         assert plan is not None
         com, rate, push = plan.at(times, dt)
         course.lead(com, (com[:, 2] - own[:, 2]) * _in_flight(schedule))
@@ -113,10 +114,10 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
         again = tracker.run(settled, np.zeros(robot.nv), 0, len(q) - 1, course)
         return again, (com, rate, push), plan.zmp[np.minimum(np.rint(times / dt).astype(int), len(plan.zmp) - 1)]
 
-    again, (com, rate, push), zmp = once(q, spin)
+    again, (com, rate, push), zmp = once(q, own, spin)
     for _ in range(1, ROUNDS):
         course.follow(again.q)
-        again, (com, rate, push), zmp = once(again.q, centroidal(robot, again.q, fps)[1])
+        again, (com, rate, push), zmp = once(again.q, *centroidal(robot, again.q, fps))
     reached, _ = centroidal(robot, again.q, fps)
     before, after = (share_outside(zmp_outside(tracker, each.q, stands)) for each in (found, again))
     hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)

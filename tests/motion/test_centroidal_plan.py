@@ -240,13 +240,10 @@ def test_the_plan_leads_on_other_robots(crouched: Retargeted) -> None:
 
 
 @pytest.mark.slow
-def test_the_height_of_the_plan_is_reached_on_other_robots(
-    crouched: Retargeted, request: pytest.FixtureRequest
-) -> None:
-    if crouched.robot.name == "cbi":
-        request.applymarker(pytest.mark.xfail(reason="issue 51: the height yields to hands and trunk, by 0.11 m"))
+def test_the_height_of_the_plan_is_reached_on_other_robots(crouched: Retargeted) -> None:
+    """A plan above knees and hands that bend the body lower would be missed by 0.11 m on CBi."""
     assert crouched.dynamics is not None
-    assert crouched.dynamics.missed < 0.05
+    assert crouched.dynamics.missed < 0.02
 
 
 def test_dynamics_need_the_outline_of_the_soles(g1: hqp.robots.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
