@@ -82,6 +82,7 @@ class Gather {
       unmet += w * w;
       if (own > rows_.rounding()) shortest = smaller(shortest, own);
     }
+    if (pull > kFlatPull * aim_.price * softest_ * far) return true;
     // w is known to a share of the row's terms, without a price in directions as short as these, with one u as well
     if (!priced_) return pull > kFlatPull * kUncertain * shortest * shortest * far;
     return pull * larger(1.0, std::sqrt(unmet) / (shortest * far)) > kFlatPull * shortest;
@@ -122,10 +123,15 @@ class Gather {
   }
   // Add the rows of levels above k. A row of an anchor has a band: a coordinate y of its own that costs y^2 / 2.
   void take_above(int k, const double* x) {
+    softest_ = INFINITY;
     above_.each(k, [&](int l, int i, double low, double high, const Anchor* anchor) {
       StageRow to = bounded(l, i, low, high);
-      if (anchor) add_band(to, std::sqrt(anchor->allowance), levels_.value(l, i, x));
-      else rows_.add(to);
+      if (!anchor) {
+        rows_.add(to);
+        return;
+      }
+      if (to.size > rows_.rounding()) softest_ = smaller(softest_, to.size * to.size / anchor->allowance);
+      add_band(to, std::sqrt(anchor->allowance), levels_.value(l, i, x));
     });
   }
   // Add the rows of the level and its objective; return the length of the longest, infinite for an exact level.
@@ -170,6 +176,7 @@ class Gather {
   Aim aim_;
   int k_ = 0, size_ = 0, own_ = 0;
   bool priced_ = false;
+  double softest_ = INFINITY;  // least pull of a row of an anchor, for an excess by its length
 };
 
 }  // namespace HQP_ISA

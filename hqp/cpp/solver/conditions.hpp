@@ -291,8 +291,9 @@ struct Conditions {
   bool is_active(int q) const { return state[q] == kOpen && side[q]; }
 
   void add_column(int q) {
-    const double* y = projected(q);
-    if (!(null_space.length(y) > kDirection)) return;
+    const double *y = projected(q), length = null_space.length(y);
+    note(length);
+    if (!(length > kDirection)) return;
     columns.column[active] = y + null_space.rank;
     columns.sign[active] = side[q];
     id[active++] = q;
@@ -432,9 +433,13 @@ struct Conditions {
     return factor_.reduce(null_space, most);
   }
 
+  void note(double length) {
+    closest = smaller(closest, length > kDirection ? length / kDirection : kDirection / larger(length, kTiny));
+  }
+
   // Return true if a length is that of a direction, which is fixed then.
   bool decide(double length) {
-    closest = smaller(closest, length > kDirection ? length / kDirection : kDirection / larger(length, kTiny));
+    note(length);
     if (length > threshold) shortest = smaller(shortest, length);
     return length > threshold;
   }
