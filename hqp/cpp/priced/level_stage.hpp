@@ -69,7 +69,7 @@ class LevelStage {
     const bool uncertain = search_.uncertain() || at.uncertain();
     uncertain_ = uncertain_ || uncertain;
     undecided_ = undecided_ || (!(price > 0.0) && uncertain);
-    inexact_ = inexact_ || rounds > kEnough || search_.strays(y);
+    inexact_ = inexact_ || rounds > kEnough || search_.unclear() || search_.strays(y);
     note(k, reached);
     at.point(y, x.data());
     if (reached) end_at_[k].clear();

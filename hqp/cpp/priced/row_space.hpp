@@ -34,6 +34,8 @@ class RowSpace {
   bool determines(int j, int count) const { return used_[j] != 0 && used_[j] <= count; }
   // Set to true by an uncertain direction.
   bool uncertain = false;
+  double threshold = kDirection;  // share of a row's length: a row that keeps more adds a direction
+  double closest = INFINITY;      // nearest a row came to kDirection, as a ratio >= 1
 
   void cut(int rank) {
     for (int k = rank; k < rank_; ++k) used_[pivot_[k]] = 0;
@@ -71,7 +73,8 @@ class RowSpace {
     const double square = sum(own), rest = std::sqrt(sum(graded));
     const int p = largest(square_.data(), lanes(N));
     uncertain = uncertain || (rest < kUncertain * size && rest > larger(rounded_ * size, rounding));
-    if (!(rest > larger(kDirection * size, rounding))) return false;
+    if (rest > rounding) closest = smaller(closest, larger(rest / (kDirection * size), kDirection * size / rest));
+    if (!(rest > larger(threshold * size, rounding))) return false;
     const double length = std::sqrt(square);
     r[rank_] = v[p] > 0.0 ? -length : length;
     tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));

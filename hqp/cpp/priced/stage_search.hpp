@@ -43,8 +43,9 @@ class StageSearch {
         x_(n),
         move_(n),
         part_(variables),
-        lambda_(variables) {
-    for (auto* list : {&set_, &rest_, &dependent_, &spanned_}) list->reserve(most_rows);
+        lambda_(variables),
+        own_lambda_(variables) {
+    for (auto* list : {&set_, &own_set_, &rest_, &dependent_, &spanned_}) list->reserve(most_rows);
     const std::size_t rows = static_cast<std::size_t>(most);
     for (auto* rowed : {&M_, &K_, &base_, &turned_}) rowed->resize(rows * ld_);
     for (auto* part : {&e_, &u_}) part->resize(rows);
@@ -60,7 +61,8 @@ class StageSearch {
     goal_ = aim;
     n_ = rows.n();
     N_ = ld_ = N;
-    space_.uncertain = secular_.uncertain = false;
+    space_.uncertain = secular_.uncertain = unclear_ = false;
+    space_.closest = INFINITY;
     off_ = 0.0;
     if (deadline_.passed()) return false;
     ++iterations;
@@ -90,9 +92,12 @@ class StageSearch {
       }
     }
     list(working);
+    unclear_ = reached && space_.closest < kEither && moves(working, y);
     return reached;
   }
 
+  // True if the optimum of the latest solve moves with the reading of a remainder near kDirection.
+  bool unclear() const { return unclear_; }
   // True if directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
   // Return true if the end y of the latest solve violates a row or a sign by more than rounding, or if nearly opposed
@@ -287,6 +292,31 @@ class StageSearch {
     if (wrong_sign(aim_.data(), false) >= 0) return false;
     std::copy(aim_.begin(), aim_.begin() + N_, y);
     return true;
+  }
+
+  // Return true if the motion of y, the optimum with these rows, is another if remainders near kDirection count as
+  // directions, or if they do not.
+  bool moves(const std::vector<int>& working, const double* y) {
+    const double off = off_;
+    own_set_ = set_, own_lambda_ = lambda_;
+    bool still = true;
+    for (const double reading : {kDirection / kEither, kDirection * kEither}) {
+      space_.threshold = reading;
+      hold({});
+      still = still && on_the_face_of(working, y_.data());
+      double square = 0.0, size = 1.0;
+      for (int j = 0; j < n_; ++j) {
+        if (!rows_->at().moves(j)) continue;
+        square += (y_[j] - y[j]) * (y_[j] - y[j]);
+        size += y[j] * y[j];
+      }
+      still = still && square <= kViolated * kViolated * size;
+    }
+    space_.threshold = kDirection;
+    hold({});
+    enter_all(working);
+    set_ = own_set_, lambda_ = own_lambda_, off_ = off;
+    return !still;
   }
 
   // Return true if y misses the bound of a held row by more than that row's rounding.
@@ -484,11 +514,12 @@ class StageSearch {
   int n_, ld_, N_ = 0, fixed_ = 0;
   RowSpace space_;
   Secular secular_;
-  std::vector<int> set_, rest_, dependent_, spanned_;
+  std::vector<int> set_, own_set_, rest_, dependent_, spanned_;
   std::vector<double> rate_;
   std::vector<int> side_;
   std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
-  std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, base_, turned_, e_, u_;
+  std::vector<double> y_, aim_, x_, move_, part_, lambda_, own_lambda_, M_, K_, base_, turned_, e_, u_;
+  bool unclear_ = false;
   int turned_by_ = -1;  // count of held rows whose reflections are in turned_, -1 for none
   double size_ = 0.0;
   double off_ = 0.0;  // relative error of the gradient: signs of kept rows; of that of motion: rounding of all rows
