@@ -503,7 +503,7 @@ class StageSearch {
       if (!lowest) worst = wrong;
       found = static_cast<int>(k);
     }
-    off_ = larger(kRounding * rounded / least, kept / (scale + price));
+    off_ = larger(kViolated / kTurned * kRounding * rounded / least, kept / (scale + price));
     return found;
   }
 

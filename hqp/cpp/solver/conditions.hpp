@@ -256,7 +256,6 @@ struct Conditions {
   double slop(int q) const { return activity * (norm(q) + terms[q]); }
 
  private:
-  static constexpr double kTurned = 5e-7;  // largest effect on a gap
   static constexpr double kSeen = 1e-7;    // share of a row: a longer direction is one to every solver
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;

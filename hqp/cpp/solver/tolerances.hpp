@@ -20,6 +20,7 @@ constexpr double kSeen = 1e-9;        // share of a row's length: a row does not
 constexpr double kActive = 1e-9;      // share of 1 + |bound| or a gradient: an answer that is so near is there
 constexpr double kLost = 1e-8;        // share of a sum: less than this has lost half of its digits, like a root
 constexpr double kViolated = 1e-8;    // share of 1 + |bound|, terms or a gradient: an answer off by more is wrong
+constexpr double kTurned = 5e-7;      // largest effect of rounding of rows above on a gap
 constexpr double kUncertain = 1e-6;   // share of a row's length: less than this is an uncertain direction
 constexpr double kClearOf = 1e-5;     // a direction, force or row above this share of the largest is clear of rounding
 constexpr double kFreeShare = 1e-5;   // cost of a direction without motion, of the least motion
