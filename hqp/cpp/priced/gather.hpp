@@ -72,7 +72,7 @@ class Gather {
   bool flat_counts(const Coordinates& at, double* x) const {
     const double pull = aim_.price * at.flat_pull(y_.data());
     if (pull == 0.0) return false;
-    double shortest = INFINITY, longest = 0.0, far = 1.0, unmet = 0.0;
+    double shortest = INFINITY, far = 1.0, unmet = 0.0, gradient = 0.0;
     at.point(y_.data(), x);
     for (int j = 0; j < n_; ++j) far = larger(far, std::abs(x[j]));
     const PricedLevel& level = levels_[k_];
@@ -80,11 +80,11 @@ class Gather {
       if (level.left_out(i)) continue;
       const double own = levels_.length(k_, i), w = slack(levels_.value(k_, i, x), level.lower[i], level.upper[i]);
       unmet += w * w;
+      gradient += std::fabs(w) * own;
       if (own > rows_.rounding()) shortest = smaller(shortest, own);
-      longest = larger(longest, own);
     }
     unmet = std::sqrt(unmet);
-    if (!(pull > kRounding * unmet * longest)) return false;
+    if (!(pull > kRounding * gradient)) return false;
     if (pull > kFlatPull * aim_.price * softest_ * far) return true;
     // w is known to a share of the row's terms, without a price in directions as short as these, with one u as well
     if (!priced_) return pull > kFlatPull * kUncertain * shortest * shortest * far;

@@ -91,7 +91,8 @@ class StageLevels final : public PricedStages {
         continue;
       }
       if (met && x) std::copy(x, x + n_, x_.begin());
-      if ((priced || levels_.bounded(k)) && !stage_.solve(k, law_.prices[k], x || !met, x_)) return -2;
+      const bool asks = priced || levels_.bounded(k);
+      if ((asks || k + 1 == levels_.count()) && !stage_.solve(k, law_.prices[k], x || !met, x_)) return -2;
       if (!x && met && !all_settled(k)) return -2;
       if (!stage_.ended() && deadline_.passed()) break;  // the levels below begin where this one does
       above_.leave(k, x_.data());
@@ -100,7 +101,7 @@ class StageLevels final : public PricedStages {
         if (!above_.anchored(k) && met)
           settled_.begin_with(k, stage_.active(k));  // it ended at the point of least motion
       }
-      if (priced || levels_.bounded(k)) std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
+      if (asks) std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       if (above_.anchors().empty() && unmet) return -2;
     }
     if (above_.anchors().empty() && stage_.ended()) return -1;  // every level hands down its rows as they are

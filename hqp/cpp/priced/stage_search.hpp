@@ -92,7 +92,7 @@ class StageSearch {
       }
     }
     list(working);
-    unclear_ = reached && space_.closest < kEither && moves(working, y);
+    unclear_ = reached && space_.closest < kEither * kEither && moves(working, y);
     return reached;
   }
 
@@ -300,7 +300,7 @@ class StageSearch {
     const double off = off_;
     own_set_ = set_, own_lambda_ = lambda_;
     bool still = true;
-    for (const double reading : {kDirection / kEither, kDirection * kEither}) {
+    for (const double reading : {kDirection / (kEither * kEither), kDirection * kEither * kEither}) {
       space_.threshold = reading;
       hold({});
       still = still && on_the_face_of(working, y_.data());
