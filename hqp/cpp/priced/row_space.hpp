@@ -37,6 +37,12 @@ class RowSpace {
   double threshold = kDirection;  // share of a row's length: a row that keeps more adds a direction
   double closest = INFINITY;      // nearest a row came to kDirection, as a ratio >= 1
 
+  // Return true if the remainder of a row of this length is a direction.
+  bool counts(double rest, double size, double rounding) {
+    if (rest > rounding) closest = smaller(closest, larger(rest / (kDirection * size), kDirection * size / rest));
+    return rest > larger(threshold * size, rounding);
+  }
+
   void cut(int rank) {
     for (int k = rank; k < rank_; ++k) used_[pivot_[k]] = 0;
     rank_ = rank;
@@ -73,8 +79,7 @@ class RowSpace {
     const double square = sum(own), rest = std::sqrt(sum(graded));
     const int p = largest(square_.data(), lanes(N));
     uncertain = uncertain || (rest < kUncertain * size && rest > larger(rounded_ * size, rounding));
-    if (rest > rounding) closest = smaller(closest, larger(rest / (kDirection * size), kDirection * size / rest));
-    if (!(rest > larger(threshold * size, rounding))) return false;
+    if (!counts(rest, size, rounding)) return false;
     const double length = std::sqrt(square);
     r[rank_] = v[p] > 0.0 ? -length : length;
     tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));

@@ -425,7 +425,7 @@ class StageSearch {
       double left = 0.0;
       for (int j = 0; j < N_; ++j) left += row[j] * grade[j] * row[j] * grade[j];
       left = std::sqrt(left);
-      if (left <= kOnRow * goal_.size[i]) std::fill(row, row + N_, 0.0);
+      if (!space_.counts(left, goal_.size[i], kOnRow * goal_.size[i])) std::fill(row, row + N_, 0.0);
       else space_.uncertain = space_.uncertain || left < kUncertain * goal_.size[i];
     }
     secular_.solve(M_.data(), ld_, N_, e_.data(), goal_.m, goal_.price);
