@@ -256,7 +256,7 @@ struct Conditions {
   double slop(int q) const { return activity * (norm(q) + terms[q]); }
 
  private:
-  static constexpr double kSeen = 1e-7;    // share of a row: a longer direction is one to every solver
+  static constexpr double kSeen = 1e-7;  // share of a row: a longer direction is one to every solver
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
   double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
