@@ -39,6 +39,7 @@ class StageSearch {
         side_(most_rows),
         kept_(most_rows),
         y_(ld_),
+        other_(ld_),
         aim_(ld_),
         x_(n),
         move_(n),
@@ -92,7 +93,7 @@ class StageSearch {
       }
     }
     list(working);
-    unclear_ = reached && space_.closest < kEither * kEither && moves(working, y);
+    unclear_ = reached && space_.closest < kEither * kEither && moves(working, y, iterations);
     return reached;
   }
 
@@ -296,18 +297,19 @@ class StageSearch {
 
   // Return true if the motion of y, the optimum with these rows, is another if remainders near kDirection count as
   // directions, or if they do not.
-  bool moves(const std::vector<int>& working, const double* y) {
+  bool moves(const std::vector<int>& working, const double* y, int& iterations) {
     const double off = off_;
     own_set_ = set_, own_lambda_ = lambda_;
     bool still = true;
     for (const double reading : {kDirection / (kEither * kEither), kDirection * kEither * kEither}) {
       space_.threshold = reading;
       hold({});
-      still = still && on_the_face_of(working, y_.data());
+      std::copy(y, y + N_, other_.begin());
+      still = still && (on_the_face_of(working, other_.data()) || descend(working, other_.data(), iterations));
       double square = 0.0, size = 1.0;
       for (int j = 0; j < n_; ++j) {
         if (!rows_->at().moves(j)) continue;
-        square += (y_[j] - y[j]) * (y_[j] - y[j]);
+        square += (other_[j] - y[j]) * (other_[j] - y[j]);
         size += y[j] * y[j];
       }
       still = still && square <= kViolated * kViolated * size;
@@ -518,7 +520,7 @@ class StageSearch {
   std::vector<double> rate_;
   std::vector<int> side_;
   std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
-  std::vector<double> y_, aim_, x_, move_, part_, lambda_, own_lambda_, M_, K_, base_, turned_, e_, u_;
+  std::vector<double> y_, other_, aim_, x_, move_, part_, lambda_, own_lambda_, M_, K_, base_, turned_, e_, u_;
   bool unclear_ = false;
   int turned_by_ = -1;  // count of held rows whose reflections are in turned_, -1 for none
   double size_ = 0.0;
