@@ -123,6 +123,8 @@ struct Conditions {
       if (is_active(candidate(a))) add_column(candidate(a));
     columns.count = active;
     const double force = columns.solve(y_ + null_space.rank, null_space.freedom());
+    for (int a = 0; a < active; ++a)
+      if (columns.passive[a]) note(null_space.length(row(id[a])));
     return b.graded ? force : larger(force, fall(k));
   }
 
@@ -290,9 +292,8 @@ struct Conditions {
   bool is_active(int q) const { return state[q] == kOpen && side[q]; }
 
   void add_column(int q) {
-    const double *y = projected(q), length = null_space.length(y);
-    note(length);
-    if (!(length > kDirection)) return;
+    const double* y = projected(q);
+    if (!(null_space.length(y) > kDirection)) return;
     columns.column[active] = y + null_space.rank;
     columns.sign[active] = side[q];
     id[active++] = q;
