@@ -140,7 +140,7 @@ class ActiveSet {
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
     if (!found) return;
-    if (!(problem_.table.uneven && conditions_.closest >= kEither * kEither)) doubt();
+    if (conditions_.closest < kEither * kEither) doubt();  // x is not of the tableau
     doubt_forces();
   }
 

@@ -124,7 +124,7 @@ struct Conditions {
     columns.count = active;
     const double force = columns.solve(y_ + null_space.rank, null_space.freedom());
     for (int a = 0; a < active; ++a)
-      if (columns.passive[a]) note(null_space.length(row(id[a])));
+      if (const double length = null_space.length(row(id[a])); columns.mu[a] * length > kViolated) note(length);
     return b.graded ? force : larger(force, fall(k));
   }
 
