@@ -47,12 +47,12 @@ class Loads:
         self.parts: list[dict[str, Any]] = []
         for element in elements:
             plan = plan_of(element, robot)
-            if isinstance(plan, NominalTorque) and rows is None:
+            native = (NominalTorque,) if rows is None else (NominalTorque, Payload, ExternalWrench, JointLoad)
+            if isinstance(plan, native):
                 self._live[element.name] = np.zeros(plan.shape)
-            elif rows is not None and isinstance(plan, (Payload, ExternalWrench, JointLoad, NominalTorque)):
-                self._live[element.name] = np.zeros(plan.shape)
-                self.parts.append({"name": element.name, "plan": plan, "value": self._live[element.name]})
-                rows.load(self.parts[-1])
+                if rows is not None:
+                    self.parts.append({"name": element.name, "plan": plan, "value": self._live[element.name]})
+                    rows.load(self.parts[-1])
             else:
                 self._readable.append(element)
 

@@ -312,37 +312,31 @@ class Coordinates {
       last_ = square_[best];
     }
     if (rank_ == 0 && !by_row_) least_ = flat_ * flat_ * last_;
-    int found = sees(best, width, r) ? best : -1;
-    for (int j = rank_; j < n_ && by_row_ && found < 0; ++j)
-      if (sees(j, width, r)) found = j;
-    if (by_row_ && found >= 0) {
-      const double share = remaining(found, width, r);
+    double share = seen(best, width, r);
+    for (int j = rank_; j < n_ && by_row_ && share == 0.0; ++j) share = seen(best = j, width, r);
+    if (share == 0.0) return -1;
+    if (by_row_) {
       uncertain_ = uncertain_ || share < kUncertain;
       flat_error_ = larger(flat_error_, kRounding / share);
     }
-    return found;
+    return best;
   }
 
-  // Return true if the remainder of a column is more than rounding, relative to the longest column or (by_row_) to each
-  // row, and it is clear or a step within near_ meets the remaining f.
-  bool sees(int j, int width, int r) const {
+  // The remainder of a column, as the largest share of a row's length by_row_, else of its own; zero if it is rounding,
+  // relative to the longest column or (by_row_) to each row, or if it is not clear and no step within near_ meets the
+  // remaining f.
+  double seen(int j, int width, int r) const {
     const double* c = &columns_[static_cast<std::size_t>(j) * width];
     const double left = dot_any(c + rank_, c + rank_, r - rank_);
-    if (!by_row_) return left > least_;
+    if (!by_row_) return left > least_ ? 1.0 : 0.0;
     if (near_ > 0.0 && !(left > clear_ * clear_)) {
       const double* f = &columns_[static_cast<std::size_t>(n_) * width];
-      if (!(near_ * near_ * left > dot_any(f + rank_, f + rank_, r - rank_))) return false;
+      if (!(near_ * near_ * left > dot_any(f + rank_, f + rank_, r - rank_))) return 0.0;
     }
-    return remaining(j, width, r) > flat_;
-  }
-
-  // The largest share of a row's length that remains in a column.
-  double remaining(int j, int width, int r) const {
-    const double* c = &columns_[static_cast<std::size_t>(j) * width];
     double most = 0.0;
     for (int i = rank_; i < r; ++i)
       if (c[i] * c[i] > most * -rows_[i].first) most = c[i] * c[i] / -rows_[i].first;
-    return std::sqrt(most);
+    return most > flat_ * flat_ ? std::sqrt(most) : 0.0;
   }
 
   // Compute T and Z: reflections clear the entries beyond the rank, last row first.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "../solver/dense.hpp"
+#include "../solver/rotation.hpp"
 #include "../solver/tolerances.hpp"
 
 namespace hqp {
@@ -188,23 +189,13 @@ class Secular {
           const double aa = dot_any(a, a, N), bb = dot_any(b, b, N), ab = dot_any(a, b, N);
           if (std::abs(ab) <= kLastDigits * std::sqrt(aa * bb) || ab == 0.0) continue;
           done = false;
-          const double zeta = (bb - aa) / (2.0 * ab);
-          const double t = (zeta > 0.0 ? 1.0 : -1.0) / (std::abs(zeta) + std::sqrt(1.0 + zeta * zeta));
-          const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;
-          turn(a, b, c, s, N);
-          turn(&U_[i * m_], &U_[j * m_], c, s, m_);
-          turn(e + i, e + j, c, s, 1);
+          const Rotation rotation(aa, bb, ab);
+          rotation.turn(a, b, N);
+          rotation.turn(&U_[i * m_], &U_[j * m_], m_);
+          rotation.turn(e + i, e + j, 1);
         }
       }
       if (done) return;
-    }
-  }
-
-  static void turn(double* a, double* b, double c, double s, int n) {
-    for (int k = 0; k < n; ++k) {
-      const double x = a[k], y = b[k];
-      a[k] = c * x - s * y;
-      b[k] = s * x + c * y;
     }
   }
 

@@ -258,7 +258,7 @@ struct Conditions {
   double slop(int q) const { return activity * (norm(q) + terms[q]); }
 
  private:
-  static constexpr double kSeen = 1e-7;  // share of a row: a longer direction is one to every solver
+  static constexpr double kClearDirection = 1e-7;  // share of a row: a longer direction is one to every solver
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
   double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
@@ -327,7 +327,7 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count), f = null_space.freedom();
-    const double reach = f ? reduced.solve(m, f, larger(kSeen, kRounding / shortest)) : 0.0;
+    const double reach = f ? reduced.solve(m, f, larger(kClearDirection, kRounding / shortest)) : 0.0;
     null_space.rank = base;
     double most = 0.0;
     for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));

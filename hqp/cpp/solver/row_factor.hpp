@@ -3,6 +3,7 @@
 
 #include "deadline.hpp"
 #include "null_space.hpp"
+#include "rotation.hpp"
 #include "tolerances.hpp"
 
 namespace hqp {
@@ -172,20 +173,10 @@ class RowFactor {
     const double aa = dot(a, a, width_), bb = dot(b, b, width_), ab = dot(a, b, width_);
     // rows of nothing but rounding are orthogonal to none
     if (!(std::fabs(ab) > kNoStep * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kOnRow * kOnRow) return false;
-    const double zeta = (bb - aa) / (2.0 * ab);
-    const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
-    const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;
-    turn(a, b, c, s, width_);
-    turn(direction(i), direction(j), c, s, rank);
+    const Rotation rotation(aa, bb, ab);
+    rotation.turn(a, b, width_);
+    rotation.turn(direction(i), direction(j), rank);
     return true;
-  }
-
-  static void turn(double* a, double* b, double c, double s, int size) {
-    for (int i = 0; i < size; ++i) {
-      const double p = a[i], q = b[i];
-      a[i] = c * p - s * q;
-      b[i] = s * p + c * q;
-    }
   }
 };
 
