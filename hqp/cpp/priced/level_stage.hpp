@@ -38,7 +38,7 @@ class LevelStage {
   void begin() {
     iterations_ = 0;
     ended_ = true;
-    uncertain_ = undecided_ = inexact_ = false;
+    uncertain_ = inexact_ = false;
     left_ = nullptr;
     for (StageEnd& end : ends_) end.known = false;
   }
@@ -66,9 +66,7 @@ class LevelStage {
       reached = search(true);
     }
     ended_ = ended_ && reached;
-    const bool uncertain = search_.uncertain() || at.uncertain();
-    uncertain_ = uncertain_ || uncertain;
-    undecided_ = undecided_ || (!(price > 0.0) && uncertain);
+    uncertain_ = uncertain_ || search_.uncertain() || at.uncertain();
     inexact_ = inexact_ || rounds > kEnough || search_.unclear() || search_.strays(y);
     note(k, reached);
     at.point(y, x.data());
@@ -82,7 +80,6 @@ class LevelStage {
   int iterations() const { return iterations_; }
   bool ended() const { return ended_; }          // each reached its optimum
   bool uncertain() const { return uncertain_; }  // one met uncertain directions
-  bool undecided() const { return undecided_; }  // an exact level did
   bool inexact() const { return inexact_; }      // one may have ended off its optimum by more than rounding
   const std::vector<StageEnd>& ends() const { return ends_; }
   // Coordinates of the latest stage if it left a choice, else null.
@@ -123,7 +120,7 @@ class LevelStage {
   }
 
   int n_, iterations_ = 0;
-  bool ended_ = true, uncertain_ = false, undecided_ = false, inexact_ = false;
+  bool ended_ = true, uncertain_ = false, inexact_ = false;
   PricedRows& levels_;
   const HandDown& above_;
   Motions& motions_;
