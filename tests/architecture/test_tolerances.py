@@ -13,7 +13,8 @@ CPP = Path(__file__).parents[2] / "hqp" / "cpp"
 
 SAME = [
     ("solver/tolerances.hpp", "kEither", "EITHER_RANK"),
-    ("solver/conditions.hpp", "kTurned", "LARGEST_ROUNDING"),
+    ("solver/tolerances.hpp", "kTurned", "LARGEST_ROUNDING"),
+    ("solver/conditions.hpp", "kClearDirection", "CLEAR_DIRECTION"),
     ("solver/tolerances.hpp", "kClearOf", "LOCK_TOLERANCE"),
     ("solver/tolerances.hpp", "kOnRow", "SMALLEST_LOCK"),
     ("solver/table.hpp", "kGraded", "GRADED_ROWS"),

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
 import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Status, certificate
+from hqp.solvers.base import Solver
 from tests.scenes.kinds import problem
 from tests.scenes.priced import is_unsure, solved_in_a_loop
 from tests.scenes.stacks import scene
 
-if TYPE_CHECKING:
-    from hqp.solvers.lexicographic import Lexicographic
 
-
-def solver() -> Lexicographic:
+def solver() -> Solver:
     return hqp.solvers.load("lexicographic")
 
 
