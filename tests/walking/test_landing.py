@@ -12,6 +12,7 @@ import hqp.robots
 from hqp import _session
 from hqp.estimation.rotations import about_vertical
 from hqp.walking import Walker
+from hqp.walking.swing import FALLS
 
 DT = 0.002
 SHIFT, SWING = 1, 2
@@ -136,6 +137,25 @@ def test_a_foot_that_landed_on_air_goes_on_down(name: str, heading: float, speed
         if lost and robot.soles[1 - stance][2] < height - 0.02:
             return
     raise AssertionError("the foot stays in the air")
+
+
+@pytest.mark.parametrize("share", np.linspace(0.6, 0.98, 8))
+def test_a_foot_that_was_thrown_off_the_ground_is_not_thrown_down(share: float) -> None:
+    """It has as long as it needs to its goal: in the rest of its swing time G1 went down at 750 m/s^2."""
+    robot = Pendulum("g1", 0.3, 0.1)
+    robot.until(SWING, share)
+    side = 1 - robot.state.stance
+    robot.touch(0.2)
+    robot.step()
+    robot.soles[side][0] += 6e-3
+    fastest = []
+    for _ in range(100):
+        if robot.state.phase == SHIFT:
+            robot.loads = np.where(np.arange(2) == side, 0.0, robot.weight)
+        robot.step()
+        if robot.state.phase == SWING:
+            fastest.append(abs(robot.native.swing_acceleration[2]))
+    assert max(fastest) < 2.0 * FALLS
 
 
 @pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(4))

@@ -84,8 +84,11 @@ class Swing {
       (*one)[0] -= part * off.x, (*one)[1] -= part * off.y;
     }
   }
-  // Go on from a place at rest, down to a goal.
-  void lower(const Four& from, const Four& to) { x = from, v = a = {}, goal = seen(to, from); }
+  // Go on from a place at rest, down to a goal, and land later if the time does not suffice.
+  void lower(const Four& from, const Four& to) {
+    x = from, v = a = {}, goal = seen(to, from);
+    duration = std::max(duration, time + soonest());
+  }
   double left() const { return duration - time; }  // until it is to land [s], negative afterwards
   void step(double dt) {
     const double to_goal = std::max(left() - kLead, moved_ + kFollows - time);

@@ -247,10 +247,11 @@ class Walker {
     const int side = s.stance;
     s.stance = 1 - side, s.share = static_cast<double>(s.stance);
     s.swing.time += s.t;
-    s.phase = WalkPhase::kSwing, s.entered = true, s.t = s.swing.time, s.T = s.swing.duration;
+    s.phase = WalkPhase::kSwing, s.entered = true, s.t = s.swing.time;
     const Vec3& p = biped_.position[side];
     s.nominal = s.target = s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
     s.swing.lower({p[0], p[1], p[2], biped_.yaw(side)}, goal());
+    s.T = s.swing.duration;
     plan_ahead();
     const double rest = std::max(s.swing.left(), 0.0);
     s.planned = {s.holds[s.stance], s.nominal, dcm_.at(rest).second - s.nominal.xy(), rest};
