@@ -18,7 +18,7 @@ from hqp.markdown import table
 from hqp.robots.on_mujoco import Plane, Plant, Servo
 from hqp.walking import Walker
 from hqp.walking.course import FALLEN, Course
-from hqp.walking.feet import base_of, leg_joints
+from hqp.walking.feet import base_of
 
 CASES = (("talos", 3000.0), ("talos", 1000.0), ("g1", 500.0), ("g1", 100.0))
 """Robots, and the stiffness of their servos [N m/rad]."""
@@ -67,7 +67,7 @@ def _placo(name: str) -> Mat:
         "height": walker.height, "spacing": walker.footsteps.width, "length": float(high[0] - low[0]),
         "width": float(high[1] - low[1]), "middle": float(0.5 * (high[0] + low[0])), "single": gait.single,
         "double": gait.double, "first": gait.first, "lift": gait.height, "speed": SPEED, "steps": STEPS,
-        "legs": leg_joints(robot, walker.feet),
+        "legs": [name for foot in walker.feet for name in foot.leg],
     }  # fmt: skip
     worker = Path(__file__).parent / "workers" / "placo_plan.py"
     with tempfile.TemporaryDirectory() as kept:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hqp.arrays import Vec
 from hqp.estimation import FeetEstimator, MomentumObserver
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Servo, Terrain
-from hqp.walking.feet import Foot, base_of, leg_joints
+from hqp.walking.feet import Foot, base_of
 from hqp.walking.walker import Walker
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ leg."""
 
 def observer(robot: Any, foot: Foot, period: float) -> MomentumObserver:
     """Observer of the force at a sole from the torques of its leg."""
-    return MomentumObserver(robot, foot.frame, leg_joints(robot, (foot,)), period, bandwidth=BANDWIDTH)
+    return MomentumObserver(robot, foot.frame, foot.leg, period, bandwidth=BANDWIDTH)
 
 
 class Course:

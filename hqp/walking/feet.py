@@ -25,7 +25,8 @@ MARGIN, SHARE = 0.01, 0.3
 class Foot:
     """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m].
 
-    yaw: angle from ahead to the frame's x axis at home [rad].
+    yaw: angle from ahead to the frame's x axis at home [rad].  leg: names of the joints with motors that move this sole
+    and not the other one.
     """
 
     frame: str
@@ -35,6 +36,7 @@ class Foot:
     depth: float
     margin: float
     yaw: float
+    leg: tuple[str, ...]
 
     @property
     def name(self) -> str:
@@ -71,7 +73,7 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         raise DeclarationError("walker", "no biped", value=given, allowed="a free base and the frames of two soles")
     feet, home = [], robot.copy().state(robot.home)
     axes = standing_axes(robot, *(robot.body(robot.frame(frame)) for frame in frames))
-    _require_six(robot, frames)
+    legs = _legs(robot, frames)
     for side, frame in enumerate(frames):
         corners = sole(robot, frame)
         box = np.array(corners)
@@ -79,23 +81,25 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         x, y = (0.5 * (low + high)).tolist()
         depth = sole_points(robot, frame)[0][2]
         margin = min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))
-        feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw_of(axes.T @ home.rotation(frame))))
+        yaw = yaw_of(axes.T @ home.rotation(frame))
+        feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw, legs[side]))
     return feet[0], feet[1]
 
 
-def _require_six(robot: Any, frames: Sequence[str]) -> None:
-    """Raise DeclarationError for a leg that cannot turn and move its sole in all six directions."""
-    for frame in frames:
-        moved = [
-            n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if robot.support(robot.frame(frame))[c]
-        ]
-        if len(moved) < 6:
+def _legs(robot: Any, frames: Sequence[str]) -> list[tuple[str, ...]]:
+    """Joints with motors of each leg.  Raises DeclarationError for fewer than six."""
+    moving = np.array([robot.support(robot.frame(frame)) for frame in frames], dtype=bool)
+    legs = []
+    for frame, moved in zip(frames, moving & ~moving[::-1], strict=True):
+        legs.append(tuple(n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if moved[c]))
+        if len(legs[-1]) < 6:
             raise DeclarationError(
                 "walker",
-                f"joints between base and {frame!r}",
-                value=f"{len(moved)} ({', '.join(moved)})",
+                f"joints that move {frame!r} and not the other sole",
+                value=f"{len(legs[-1])} ({', '.join(legs[-1])})",
                 allowed="six or more: a flat sole stays on the ground if the leg holds it in all directions",
             )
+    return legs
 
 
 def base_of(robot: Any) -> str:
@@ -103,9 +107,3 @@ def base_of(robot: Any) -> str:
     named: tuple[str, ...] = robot.landmarks.get("base", ())
     moved = (f.name for f in robot.model.frames if f.parentJoint == 1 and f.type.name == "BODY")
     return named[0] if named else next(moved)
-
-
-def leg_joints(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:
-    """Actuated joints between the base and any of these feet."""
-    moving = np.any([robot.support(robot.frame(foot.frame)) for foot in feet], axis=0)
-    return tuple(n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if moving[c])

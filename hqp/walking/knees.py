@@ -13,7 +13,7 @@ from hqp.arrays import Vec
 from hqp.declare import plans
 from hqp.declare.robot import Robot
 from hqp.tasks import JointLimits
-from hqp.walking.feet import Foot, leg_joints
+from hqp.walking.feet import Foot
 
 BEND = 0.2
 """Least angle of a knee from that of a straight leg, which has no direction to bend in [rad]."""
@@ -43,7 +43,7 @@ def bent(robot: Any, feet: Sequence[Foot], start: Vec) -> Knees:
 
     A knee that starts straighter than 2 BEND keeps half of its bend.
     """
-    found = [_knee(robot, leg_joints(robot, (foot,)), start) for foot in feet]
+    found = [_knee(robot, foot.leg, start) for foot in feet]
     names, low, high = zip(*sorted(found, key=lambda one: robot.joint_names.index(one[0])), strict=True)
     return Knees(joints=names, low=low, high=high, acceleration=None, braking=BRAKES, name="knees")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -26,7 +25,7 @@ from hqp.tasks import (
     TorqueLimits,
 )
 from hqp.tasks.polygons import shrunk
-from hqp.walking.feet import Foot, base_of, leg_joints
+from hqp.walking.feet import Foot, base_of
 from hqp.walking.knees import bent
 
 BOTH = "both"
@@ -82,14 +81,13 @@ class Stacks:
         limits: JointLimits | None,
         start: Vec,
     ) -> None:
-        legs = leg_joints(robot, feet)
-        rest = tuple(name for name in robot.joint_names if name not in legs)
+        rest = tuple(name for name in robot.joint_names if all(name not in foot.leg for foot in feet))
         names = feet[0].name, feet[1].name
         self.balance = Balance(law=laws.balance, margin=EDGE, height=height, weight=FIRM)
         self.height = Com(axes="z", law=laws.height, name="height")
         self.trunk = Orientation(frame=base_of(robot), law=laws.trunk, name="trunk")
         self.posture = Posture(joints=rest, law=laws.posture) if rest else None
-        spare = [name for foot in feet for name in redundant(robot, foot, leg_joints(robot, (foot,)), start)]
+        spare = [name for foot in feet for name in redundant(robot, foot, start)]
         self.legs = Posture(joints=spare, law=laws.posture, name="legs") if spare else None
         self.share = LoadShare(contacts=names, when=BOTH)
         self.swing = tuple(
@@ -117,14 +115,14 @@ class Stacks:
         """The balance by phase, with the support that it has there."""
 
 
-def redundant(robot: Any, foot: Foot, leg: Sequence[str], start: Vec) -> list[str]:
+def redundant(robot: Any, foot: Foot, start: Vec) -> list[str]:
     """Joints of a leg beyond the six that place its foot; they move most while foot and base stand still."""
-    columns = robot.joints(leg)
+    columns = robot.joints(foot.leg)
     jacobian = robot.copy().state(start).jacobian(foot.frame)[:, columns]
     still = np.linalg.svd(jacobian)[2][6:]  # (k, n), motions with the foot at rest
     found: list[str] = []
     while len(still):
         most = int(np.argmax(np.linalg.norm(still, axis=0)))
-        found.append(leg[most])
+        found.append(foot.leg[most])
         still = np.linalg.svd(still[:, [most]].T)[2][1:] @ still
     return found

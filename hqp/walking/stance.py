@@ -12,7 +12,7 @@ from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import yaw_of
 from hqp.tasks import Com, Orientation, Pose, Posture
-from hqp.walking.feet import Foot, base_of, leg_joints
+from hqp.walking.feet import Foot, base_of
 from hqp.walking.footsteps import rotation
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Stance:
         trunk = Orientation(frame=base_of(robot))
         self.stack = Stack(Level(*soles, name="soles"), Level(self.com, name="balance"), Level(trunk), Level(Posture()))
         self.targets = [pose.at(_level(foot, self.home)) for foot, pose in zip(feet, soles, strict=True)]
-        self.start = _bent(robot, leg_joints(robot, feet))
+        self.start = _bent(robot, feet[0].leg + feet[1].leg)
 
     def on(self, feet: Sequence[Foot], lower: float) -> Vec | None:
         """Lower by a share of the height, the CoM between these feet ``(nq,)``; None where it is out of reach."""

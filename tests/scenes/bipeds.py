@@ -22,6 +22,7 @@ def biped(
     right_first: bool = False,
     ankles: tuple[str, ...] = ANKLES,
     pairs: bool = False,
+    waist: tuple[str, ...] = (),
     name: str = "biped",
 ) -> Path:
     """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
@@ -30,7 +31,8 @@ def biped(
     of the knees in the keyframe [rad].  heel: angle of the soles from level in it, toes up [rad].  tilt: angle of
     the soles in the frames of their feet, toes down [rad].  ahead: distance of the soles' middle from the ankles, times
     size [m].
-    right_first: order of the legs.  ankles: their axes.  pairs: soles touch only the geom ``floor``, by pairs.
+    right_first: order of the legs.  ankles: their axes.  pairs: soles touch only the geom ``floor``, by pairs.  waist:
+    axes of joints between the trunk and a pelvis that carries both legs.
     """
     s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'
     touch = 'contype="0" conaffinity="0"' if pairs else ""
@@ -78,15 +80,20 @@ def biped(
         f'mass="{22.0 * s**3:.6g}" {quiet}/>'
     )
     bent = [0.0, 0.0, -0.5 * bend, bend, -0.5 * bend - heel - tilt, 0.0][: 4 + len(ankles)]
-    key = [0.0, 0.0, 0.76 * s, 1.0, 0.0, 0.0, 0.0, *bent, *bent]
-    names = [f"{side}_{j}" for side in "uw" for j in ("h_yaw", "h_roll", "h_pitch", "k", *(f"a_{a}" for a in ankles))]
+    key = [0.0, 0.0, 0.76 * s, 1.0, 0.0, 0.0, 0.0, *(0.0 for _ in waist), *bent, *bent]
+    names = [f"waist_{axis}" for axis in waist]
+    names += [f"{side}_{j}" for side in "uw" for j in ("h_yaw", "h_roll", "h_pitch", "k", *(f"a_{a}" for a in ankles))]
+    carried = "".join(legs[::-1] if right_first else legs)
+    if waist:
+        joints = "".join(hinge(f"waist_{axis}", axis, 150.0) for axis in waist)
+        carried = link("pelvis", (0.0, 0.0, 0.0), joints + carried, 2.0, (0.05, 0.1, 0.02))
     motors = "".join(f'<motor name="{joint}" joint="{joint}"/>' for joint in names)
     contact = "".join(f'<pair geom1="{side}_s" geom2="floor" condim="3"/>' for side in "uw") if pairs else ""
     floor = '<geom name="floor" type="plane" size="5 5 1"/>' if pairs else ""
     path = folder / f"{name}.xml"
     path.write_text(
         f'<mujoco model="{name}"><compiler angle="radian" autolimits="true"/><worldbody>{floor}'
-        f'<body name="trunk" pos="0 0 {0.76 * s:.6g}">{trunk}{"".join(legs[::-1] if right_first else legs)}</body>'
+        f'<body name="trunk" pos="0 0 {0.76 * s:.6g}">{trunk}{carried}</body>'
         f'</worldbody><contact>{contact}</contact><actuator>{motors}</actuator><keyframe><key name="home" qpos="'
         f'{" ".join(f"{number:.12g}" for number in key)}"/></keyframe></mujoco>'
     )

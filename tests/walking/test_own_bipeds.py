@@ -93,7 +93,7 @@ def test_legs_that_do_not_hold_a_sole_flat_are_refused(ankles: tuple[str, ...], 
     """A walker for them stands at first, then falls."""
     robot = hqp.robots.load(biped(tmp_path, ankles=ankles), floating=True)
     frames = ("u_f", "w_f") if ankles else ("u_k", "w_k")
-    with pytest.raises(DeclarationError, match=rf"walker: joints between base and .*'{4 + len(ankles)} \(.*six"):
+    with pytest.raises(DeclarationError, match=rf"walker: joints that move .*'{4 + len(ankles)} \(.*six"):
         Walker(robot, soles=frames)
 
 
@@ -103,3 +103,20 @@ def test_a_biped_without_shapes_is_refused_by_name(tmp_path: Path) -> None:
     path.write_text(text[: text.index("<contact>")] + text[text.index("</contact>") + len("</contact>") :])
     with pytest.raises(ModelError, match="no moving link has collision shapes"):
         loaded(path)
+
+
+@pytest.mark.parametrize("waist", [("yaw",), ("roll", "yaw"), ("pitch", "roll", "yaw")])
+def test_joints_between_trunk_and_both_legs_belong_to_no_leg(waist: tuple[str, ...], tmp_path: Path) -> None:
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    robot, soles = loaded(biped(tmp_path, bend=0.6, waist=waist))
+    walker = Walker(robot, soles=soles, deadline=math.inf)
+    for foot in walker.feet:
+        assert len(foot.leg) == 6
+        assert not any(name.startswith("waist_") for name in foot.leg)
+    course = course_of(walker, sensors=None, delay=0.0)
+    start = course.plant.com()
+    walker.go(0.15)
+    while walker.time < 4.0:
+        course.step()
+    assert not course.fallen
+    assert course.plant.com()[0] - start[0] > 0.3

@@ -12,7 +12,6 @@ import pytest
 import hqp
 from hqp.robots.soles import feet
 from hqp.walking import Gait, Walker
-from hqp.walking.feet import leg_joints
 from hqp.walking.plan import advance
 from tests.scenes.bipeds import biped
 
@@ -39,7 +38,7 @@ def test_a_knee_at_its_limit_leaves_legs_calm(made: Make, seed: int, tmp_path: P
     rng = np.random.default_rng(seed)
     walker = made(tmp_path, rng)
     robot, q, v, most = walker.robot, walker.start.copy(), np.zeros(walker.robot.nv), 0.0
-    legs = robot.joints(leg_joints(robot, walker.feet))
+    legs = robot.joints([name for foot in walker.feet for name in foot.leg])
     assert len(legs) > 12
     walker.go(float(rng.uniform(0.17, 0.3)) * math.sqrt(walker.height))
     for _ in range(800):
