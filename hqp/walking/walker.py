@@ -46,7 +46,8 @@ CLEAR = 0.02
 
 PHASES = "stand", "shift", "swing"
 
-LIMITS = JointLimits(acceleration=1000.0, braking=200.0)
+LIMITS = JointLimits(acceleration=60.0, braking=60.0)
+"""Limits above the legs: at 1000 rad/s^2 waist and arms are thrown about if a sole bounds the balance."""
 
 
 class Walker:
