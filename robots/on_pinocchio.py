@@ -418,6 +418,10 @@ class Robot:
         """The configuration after moving with velocity v for dt [s]."""
         return pin.integrate(self.model, q, v * dt)  # type: ignore[no-any-return]
 
+    def inverse_dynamics(self, q: Vec, v: Vec, a: Vec) -> Vec:
+        """Generalised forces A a + b + g ``(nv,)`` for an acceleration ``(nv,)`` [N m, N]; no state becomes stale."""
+        return np.array(pin.rnea(self.model, self.spare, q, v, a), dtype=np.float64)
+
     def configuration(self, angles: ArrayLike | str) -> Vec:
         """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``, free bodies as at home; or of a name.
 

@@ -247,11 +247,6 @@ class State:
         self._need(_MASS)
         return self.robot.data.M  # type: ignore[no-any-return]
 
-    def inverse_dynamics(self, a: Vec) -> Vec:
-        """Generalised forces A a + b + g for an acceleration ``(nv,)`` [N m, N], also of a state that is stale."""
-        model = self.robot.model
-        return np.array(pin.rnea(model, self.robot.spare, self.q, self.v, a), dtype=np.float64)
-
     def bias_force(self) -> Vec:
         """b + g: Coriolis, centrifugal and gravity forces, ``(nv,)``; a live view."""
         self._need(_BIAS)

@@ -242,6 +242,10 @@ class Robot(Protocol):
         """The configuration after moving with velocity v for dt [s], ``(nq,)``."""
         ...
 
+    def inverse_dynamics(self, q: Vec, v: Vec, a: Vec) -> Vec:
+        """Generalised forces A a + b + g ``(nv,)`` for an acceleration ``(nv,)`` [N m, N]; no state becomes stale."""
+        ...
+
     def configuration(self, angles: Vec | str) -> Vec:
         """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``, free bodies as at home; or of a name.
 
@@ -379,10 +383,6 @@ class State(Protocol):
 
     def mass_matrix(self) -> Mat:
         """Joint-space inertia A, ``(nv, nv)``, symmetric."""
-        ...
-
-    def inverse_dynamics(self, a: Vec) -> Vec:
-        """Generalised forces A a + b + g for an acceleration ``(nv,)`` [N m, N], also of a state that is stale."""
         ...
 
     def bias_force(self) -> Vec:

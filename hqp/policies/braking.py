@@ -19,7 +19,7 @@ SHARE = 0.1
 APPROACH = 60.0
 """Rate at which ranges and clearances are approached [1/s]."""
 
-WITHIN, MARGIN = 0.99, 1e-3
+WITHIN, MARGIN = 0.99, 2e-3
 """Share of the speed limits and way to the ranges [rad, m] that dynamics keep, which change within a tick."""
 
 

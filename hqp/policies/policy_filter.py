@@ -16,6 +16,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
+from hqp.estimation.rotations import exponential
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
 from hqp.policies.braking import APPROACH, default_limits
@@ -179,7 +180,7 @@ class Prediction:
     def reset(self) -> None:
         """Discard earlier commands and estimates."""
         self._last: Vec | None = None
-        self._before: tuple[Measured, Vec, Vec] | None = None
+        self._before: tuple[Measured, Vec] | None = None
         self.lacking: Vec = np.zeros(self._columns.size)
         """d, the torques that the model lacks, after the wrench on a free base [N m, N]."""
 
@@ -249,7 +250,7 @@ class Prediction:
             tau = (
                 self._last if self._kind == "torques" else servos.torque(self._last, angles + self._dt * speeds, speeds)
             )
-            self._before = state, self._motion(state), tau
+            self._before = state, tau
         return self._last.copy(), changed
 
     def _joints(self, state: Measured) -> tuple[Vec, Vec]:
@@ -259,31 +260,38 @@ class Prediction:
             return np.array([angles for angles, _ in both]), np.array([speeds for _, speeds in both])
         return state.angles[self._own], state.v[self._own]
 
-    def _motion(self, state: Measured) -> Vec:
-        """Velocities of a free base and the actuated joints."""
-        if isinstance(state, Sequence):
-            return np.array([one.v[self._columns] for one in state])
-        return state.v[self._columns]
-
     def _estimate(self, state: Measured) -> None:
         """Estimate d from the motion of the last period; the acceleration of a held base is part of it."""
         if self._before is None:
             return
-        before, then, tau = self._before
-        a = (self._motion(state) - then) * (1.0 / self._dt)
-        found = self._torques(before, a) + self._stiffening * a
+        before, tau = self._before
+        found = self._torques(before, state)
         found[..., self._first :] -= tau
         if not np.isfinite(found).all():
             found = np.where(np.isfinite(found), found, self.lacking)
-        self.lacking = self.lacking + BLEND * (within(found, -self._most, self._most) - self.lacking)
+        lacking = self.lacking + BLEND * (within(found, -self._most, self._most) - self.lacking)
+        self.lacking = self._carried(state, lacking) if self._first else lacking
 
-    def _torques(self, state: Measured, a: Vec) -> Vec:
-        """Torques of the model for this acceleration."""
-        if isinstance(state, Sequence):
-            return np.array([self._torques(one, own) for one, own in zip(state, a, strict=True)])
-        every = np.zeros(state.v.size)
+    def _torques(self, before: Measured, state: Measured) -> Vec:
+        """Torques of the model between two states, in the middle of the period."""
+        if isinstance(before, Sequence):
+            assert isinstance(state, Sequence)
+            return np.array([self._torques(one, other) for one, other in zip(before, state, strict=True)])
+        assert not isinstance(state, Sequence)
+        every, v = np.zeros(state.v.size), 0.5 * (before.v + state.v)
+        a = (state.v[self._columns] - before.v[self._columns]) * (1.0 / self._dt)
         every[self._columns] = a
-        return state.inverse_dynamics(every)[self._columns]
+        q = state.robot.integrate(before.q, v, 0.5 * self._dt)
+        return state.robot.inverse_dynamics(q, v, every)[self._columns] + self._stiffening * a
+
+    def _carried(self, state: Measured, torques: Vec) -> Vec:
+        """The torques a period later: the wrench on a free base keeps its direction in the world."""
+        if isinstance(state, Sequence):
+            return np.array([self._carried(one, own) for one, own in zip(state, torques, strict=True)])
+        turn = -self._dt * state.v[3:6]
+        if turn @ turn < math.inf:  # not if NaN
+            torques[:6] = (torques[:6].reshape(2, 3) @ exponential(turn).T).ravel()
+        return torques
 
 
 @dataclass(frozen=True, eq=False)
