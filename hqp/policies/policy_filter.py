@@ -288,10 +288,10 @@ class Prediction:
         """The torques a period later: the wrench on a free base keeps its direction in the world."""
         if isinstance(state, Sequence):
             return np.array([self._carried(one, own) for one, own in zip(state, torques, strict=True)])
-        turn = -self._dt * state.v[3:6]
-        if turn @ turn < math.inf:  # not if NaN
-            torques[:6] = (torques[:6].reshape(2, 3) @ exponential(turn).T).ravel()
-        return torques
+        turn = self._dt * state.v[3:6]
+        if not turn @ turn < math.inf:  # NaN, too
+            return torques
+        return np.append(torques[:6].reshape(2, 3) @ exponential(turn), torques[6:])
 
 
 @dataclass(frozen=True, eq=False)

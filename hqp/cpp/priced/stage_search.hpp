@@ -302,10 +302,11 @@ class StageSearch {
     own_set_ = set_, own_lambda_ = lambda_;
     bool still = true;
     for (const double reading : {kDirection / (kEither * kEither), kDirection * kEither * kEither}) {
+      if (!still) break;
       space_.threshold = reading;
       hold({});
       std::copy(y, y + N_, other_.begin());
-      still = still && (on_the_face_of(working, other_.data()) || descend(working, other_.data(), iterations));
+      still = on_the_face_of(working, other_.data()) || descend(working, other_.data(), iterations);
       double square = 0.0, size = 1.0;
       for (int j = 0; j < n_; ++j) {
         if (!rows_->at().moves(j)) continue;
