@@ -83,7 +83,7 @@ def test_a_loop_ends_its_stages_with_the_first_round_that_is_rounding(name: str)
 
 
 def test_a_row_that_holds_a_level_by_a_short_remainder_makes_it_uncertain() -> None:
-    """Of the active row only 3e-11 is left: the level below misses by 4e6 with it, by nothing without."""
+    """The active row keeps a share of 3e-11: the level below misses by 4e6 with it, by nothing without."""
     case = problem("near_parallel", 600000006)[0]
     answer = solved_in_a_loop(solver(), case)
     assert is_unsure(answer) or certificate(case, answer.x, 1e-6).ok

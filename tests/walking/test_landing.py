@@ -141,7 +141,7 @@ def test_a_foot_that_landed_on_air_goes_on_down(name: str, heading: float, speed
 
 @pytest.mark.parametrize("share", np.linspace(0.6, 0.98, 8))
 def test_a_foot_that_was_thrown_off_the_ground_is_not_thrown_down(share: float) -> None:
-    """It has as long as it needs to its goal: in the rest of its swing time G1 went down at 750 m/s^2."""
+    """Its swing lasts until it reaches its goal: within the planned time G1 went down at 750 m/s^2."""
     robot = Pendulum("g1", 0.3, 0.1)
     robot.until(SWING, share)
     side = 1 - robot.state.stance

@@ -11,7 +11,7 @@ inline namespace HQP_ISA {
 struct Rotation {
   double c, s;
 
-  // Of rows a and b, given as a'a, b'b and a'b.
+  // aa, bb, ab: the products a'a, b'b and a'b of rows a and b.
   Rotation(double aa, double bb, double ab) {
     const double zeta = (bb - aa) / (2.0 * ab);
     const double t = (zeta < 0.0 ? -1.0 : 1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
