@@ -255,11 +255,11 @@ def test_an_answer_that_is_not_certified_is_not_sent(robot: Robot) -> None:
     assert all(np.abs(tick.command).max() < np.abs(good.command).max() for tick in ticks)
 
 
-@pytest.mark.parametrize("deadline", [2e-4, 5e-4])
+@pytest.mark.parametrize("deadline", [2e-4, 4e-4])
 def test_conflicts_at_torque_level_keep_a_deadline(deadline: float) -> None:
     """Feet must bear more than the weight: exact levels, priced stages and the certificate all stop at the deadline."""
     found = measure_deadline(hqp.robots.load("g1"), 150, deadline)
-    assert found.statuses["TIME_LIMIT"] > 5
+    assert found.statuses["TIME_LIMIT"] > 20
     assert found.worse == 0
     assert np.median(found.cpu) < deadline + 2e-3
     assert np.percentile(found.cpu, 95) < deadline + 5e-3
