@@ -107,3 +107,8 @@ def base_of(robot: Any) -> str:
     named: tuple[str, ...] = robot.landmarks.get("base", ())
     moved = (f.name for f in robot.model.frames if f.parentJoint == 1 and f.type.name == "BODY")
     return named[0] if named else next(moved)
+
+
+def upper(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:
+    """Names of the joints with motors of no leg."""
+    return tuple(name for name in robot.joint_names if all(name not in foot.leg for foot in feet))

@@ -49,7 +49,15 @@ def bent(robot: Any, feet: Sequence[Foot], start: Vec) -> Knees:
 
 
 def _knee(robot: Any, leg: Sequence[str], start: Vec) -> tuple[str, float, float]:
-    """The joint of a leg that changes its length most, and the range of its angle (low, high) [rad].
+    """The knee of a leg, and the range of its angle (low, high) [rad]."""
+    name, bend = knee(robot, leg, start)
+    at = float(robot.state(start).angles[int(robot.joints([name])[0])])
+    limit = at - bend + math.copysign(min(BEND, 0.5 * abs(bend)), bend)
+    return (name, limit, math.inf) if bend > 0.0 else (name, -math.inf, limit)
+
+
+def knee(robot: Any, leg: Sequence[str], q: Vec) -> tuple[str, float]:
+    """The joint of a leg that changes its length most, and its angle from that of the longest leg [rad].
 
     The distance from the first joint to the last is d^2 = a + b cos(q - straight) for each joint's angle q: three
     angles give b and straight.
@@ -58,7 +66,7 @@ def _knee(robot: Any, leg: Sequence[str], start: Vec) -> tuple[str, float, float
     def square(column: int, turn: float) -> float:
         step = np.zeros(robot.nv)
         step[column] = turn
-        state = robot.copy().state(robot.integrate(start, step, 1.0))
+        state = robot.copy().state(robot.integrate(q, step, 1.0))
         off = state.position(leg[-1]) - state.position(leg[0])
         return float(off @ off)
 
@@ -66,7 +74,6 @@ def _knee(robot: Any, leg: Sequence[str], start: Vec) -> tuple[str, float, float
     for name, column in zip(leg, robot.joints(leg), strict=True):
         one, two, three = (square(column, turn) for turn in (0.0, math.tau / 3.0, -math.tau / 3.0))
         cosine, sine = (2.0 * one - two - three) / 3.0, (three - two) / math.sqrt(3.0)
-        found.append((math.hypot(cosine, sine), name, float(column), math.atan2(sine, cosine)))
-    _, name, column, bend = max(found)
-    limit = float(robot.state(start).angles[int(column)]) - bend + math.copysign(min(BEND, 0.5 * abs(bend)), bend)
-    return (name, limit, math.inf) if bend > 0.0 else (name, -math.inf, limit)
+        found.append((math.hypot(cosine, sine), name, math.atan2(sine, cosine)))
+    _, name, bend = max(found)
+    return name, bend

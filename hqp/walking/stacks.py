@@ -25,7 +25,7 @@ from hqp.tasks import (
     TorqueLimits,
 )
 from hqp.tasks.polygons import shrunk
-from hqp.walking.feet import Foot, base_of
+from hqp.walking.feet import Foot, base_of, upper
 from hqp.walking.knees import bent
 
 BOTH = "both"
@@ -81,7 +81,7 @@ class Stacks:
         limits: JointLimits | None,
         start: Vec,
     ) -> None:
-        rest = tuple(name for name in robot.joint_names if all(name not in foot.leg for foot in feet))
+        rest = upper(robot, feet)
         names = feet[0].name, feet[1].name
         self.balance = Balance(law=laws.balance, margin=EDGE, height=height, weight=FIRM)
         self.height = Com(axes="z", law=laws.height, name="height")

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mat, Vec
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import yaw_of
 from hqp.tasks import Com, Orientation, Pose, Posture
-from hqp.walking.feet import Foot, base_of
+from hqp.walking.feet import Foot, base_of, upper
 from hqp.walking.footsteps import rotation
+from hqp.walking.knees import knee
 
 if TYPE_CHECKING:
     from hqp.declare.robot import State
 
-BENT = 0.1
-"""Distance of legs from their limits at the start of the search [rad]: a straight knee has no direction of bending."""
+BENT = 0.5
+"""Least bend of knees at the start of the search [rad]: a straight knee has no direction of bending."""
 
 SPARE = 0.02
 """Reserve of the legs' length as a share of the CoM's height."""
@@ -34,22 +36,22 @@ LOWER = 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0, 2.0, 3.0, 4.0
 def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:
     """The configuration ``(nq,)`` nearest to home with the CoM above the middle of level soles, and lower.
 
-    Soles keep their place from above and come to the height z = 0 of the ground, the base keeps its orientation. lower:
-    lowering of the CoM, a share of its height at home above the soles; less where standing on one foot takes more than
-    HARD of a joint's torque, more where knees are straight at home. Raises DeclarationError where no such configuration
-    is found.
+    Soles keep their place from above and come to the height z = 0 of the ground, the base keeps its orientation; legs
+    alone lower the body, as a waist at its limit cannot balance.  lower: lowering of the CoM, a share of its height at
+    home above the soles; less where standing on one foot takes more than HARD of a joint's torque, more where knees are
+    straight at home.  Raises DeclarationError where no such configuration is found.
     """
     stance = Stance(robot, feet)
     stiff = None
     for share in LOWER:
+        if share > 1.0 and stiff is not None:
+            break
         low = share * lower
         if stance.on(feet, low - SPARE) is None or (q := stance.on(feet, low)) is None:
             continue
         if not any(stance.weak(foot, low) for foot in feet):
             return q
         stiff = q
-        if share == 0.0:
-            break
     if stiff is None:
         raise DeclarationError("walker", f"{robot.name} does not stand", value=lower, allowed="soles that legs reach")
     return stiff
@@ -78,10 +80,15 @@ class Stance:
         self.height = float(self.home.com()[2]) - 0.5 * sum(foot.placed(self.home).z + foot.depth for foot in feet)
         self.com = Com()
         soles = [Pose(frame=foot.frame, name=foot.name) for foot in feet]
+        rest = upper(robot, feet)
+        above = [Level(Posture(joints=rest, name="upper"))] if rest else []
         trunk = Orientation(frame=base_of(robot))
-        self.stack = Stack(Level(*soles, name="soles"), Level(self.com, name="balance"), Level(trunk), Level(Posture()))
-        self.targets = [pose.at(_level(foot, self.home)) for foot, pose in zip(feet, soles, strict=True)]
-        self.start = _bent(robot, feet[0].leg + feet[1].leg)
+        self.stack = Stack(
+            Level(*soles, name="soles"), Level(self.com, name="balance"), Level(trunk), *above, Level(Posture())
+        )
+        targets = [_level(foot, self.home) for foot in feet]
+        self.targets = [pose.at(target) for target, pose in zip(targets, soles, strict=True)]
+        self.start = _bent(robot, feet, targets)
 
     def on(self, feet: Sequence[Foot], lower: float) -> Vec | None:
         """Lower by a share of the height, the CoM between these feet ``(nq,)``; None where it is out of reach."""
@@ -111,10 +118,18 @@ def _level(foot: Foot, home: State) -> Any:
     return target
 
 
-def _bent(robot: Any, legs: tuple[str, ...]) -> Vec:
-    """Home with each joint of the legs a little towards the middle of its range ``(nq,)``."""
-    columns, v = robot.joints(legs), np.zeros(robot.nv)
-    low, high, at = robot.lower[columns], robot.upper[columns], robot.state(robot.home).angles[columns]
-    bounded = np.isfinite(low) & np.isfinite(high)
-    v[columns[bounded]] = np.clip(0.5 * (low[bounded] + high[bounded]) - at[bounded], -BENT, BENT)
-    return np.asarray(robot.integrate(robot.home, v, 1.0))
+def _bent(robot: Any, feet: Sequence[Foot], targets: Sequence[Mat]) -> Vec:
+    """Home on the ground, each knee bent by BENT or more to the side of its larger range ``(nq,)``."""
+    v = np.zeros(robot.nv)
+    for foot in feet:
+        name, bend = knee(robot, foot.leg, robot.home)
+        column = int(robot.joints([name])[0])
+        straight = float(robot.copy().state(robot.home).angles[column]) - bend
+        ahead, behind = robot.upper[column] - straight, straight - robot.lower[column]
+        side = math.copysign(1.0, bend if ahead == behind else ahead - behind)
+        v[column] = side * max(side * bend, BENT) - bend
+    q = np.asarray(robot.integrate(robot.home, v, 1.0))
+    state = robot.copy().state(q)
+    off = [target[:3, 3] - state.position(foot.frame) for target, foot in zip(targets, feet, strict=True)]
+    q[:3] += np.mean(off, axis=0)
+    return q

@@ -16,6 +16,7 @@ def biped(
     damping: float = 0.0,
     dry: float = 0.0,
     bend: float = 0.0,
+    back: float = 0.1,
     heel: float = 0.0,
     tilt: float = 0.0,
     ahead: float = 0.04,
@@ -28,11 +29,11 @@ def biped(
     """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
 
     damping, dry: friction of each joint, as a share of size^4 (viscous, [N m s/rad]) and size^3 ([N m]).  bend: angle
-    of the knees in the keyframe [rad].  heel: angle of the soles from level in it, toes up [rad].  tilt: angle of
-    the soles in the frames of their feet, toes down [rad].  ahead: distance of the soles' middle from the ankles, times
-    size [m].
-    right_first: order of the legs.  ankles: their axes.  pairs: soles touch only the geom ``floor``, by pairs.  waist:
-    axes of joints between the trunk and a pelvis that carries both legs.
+    of the knees in the keyframe [rad].  back: their range to the other side [rad].  heel: angle of the soles from
+    level in it, toes up [rad].  tilt: angle of the soles in the frames of their feet, toes down [rad].  ahead: distance
+    of the soles' middle from the ankles, times size [m].  right_first: order of the legs.  ankles: their axes.  pairs:
+    soles touch only the geom ``floor``, by pairs.  waist: axes of joints between the trunk and a pelvis that carries
+    both legs.
     """
     s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'
     touch = 'contype="0" conaffinity="0"' if pairs else ""
@@ -67,7 +68,7 @@ def biped(
         shank = link(
             f"{side}_k",
             (0.0, 0.0, -0.35),
-            hinge(f"{side}_k", "pitch", 150.0, "-0.1 2.4") + foot,
+            hinge(f"{side}_k", "pitch", 150.0, f"{-back:.6g} 2.4") + foot,
             2.0,
             (0.03, 0.03, 0.17),
         )
