@@ -82,7 +82,8 @@ def unseen(problem: Hierarchy) -> Mat:
     sees.
 
     A row sees a direction of which it has more than RANK_TOLERANCE of its length, and of GRADED_ROWS of its level's
-    longest row: rounding of rows that are products leaves 1e-12, rows of forces have 1e-3 and more.
+    longest row: rounding of rows that are products leaves 1e-12, rows of forces have 1e-3 and more. Rows count in their
+    order, so that a nearly dependent row does not tilt the directions that those before it leave.
     """
     n = problem.n
     if problem.metric is None:
@@ -95,13 +96,14 @@ def unseen(problem: Hierarchy) -> Mat:
     if problem.priced:
         motion = problem.motion
         rows.append(np.eye(n) if motion is None else np.diag(motion.F) if motion.F.ndim == 1 else motion.F)
-    sizes = [np.maximum(row_lengths(A), GRADED_ROWS * longest_row(A)) for A in rows]
-    own = np.concatenate([np.zeros(0), *sizes])
-    if not Z.shape[1] or not own.any():
-        return np.asarray(Z)
-    T = np.concatenate([np.zeros((0, n)), *rows])[own > 0.0]
-    sigma, Vt = right_vectors(T @ Z / own[own > 0.0, None])
-    return np.asarray(Z @ Vt[int(np.count_nonzero(sigma > RANK_TOLERANCE)) :].T)
+    for A in rows:
+        sizes = np.maximum(row_lengths(A), GRADED_ROWS * longest_row(A))
+        for a, size in zip(A, sizes, strict=True):
+            length = float(np.linalg.norm(own := a @ Z))
+            if length > RANK_TOLERANCE * size:
+                own[0] += np.copysign(length, own[0])
+                Z = (Z - np.outer(Z @ own, own) * (2.0 / (own @ own)))[:, 1:]
+    return np.asarray(Z)
 
 
 def chosen(problem: Hierarchy, x: Vec) -> Vec:

@@ -13,6 +13,7 @@ from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Mat, Vec
 from hqp.problem.completion import Choice, allowed, chosen, unseen
 from hqp.tolerances import SOFTNESS
+from tests.scenes.priced import is_unsure, solved_in_a_loop
 
 N, FREE = 9, 3
 
@@ -124,6 +125,32 @@ def test_a_level_that_sees_a_direction_decides_it() -> None:
     assert np.abs(Z.T @ hqp.solvers.load("lexicographic").solve(free).x - ask.lower).max() < 1e-9
     one = Hierarchy((Rows(Z.T[:1], ask.lower[:1], ask.upper[:1]),), metric=problem.metric)
     assert unseen(one).shape == (N, FREE - 1)
+
+
+def test_nearly_parallel_rows_do_not_tilt_what_no_level_sees() -> None:
+    """Rows of two levels repeat one another but for 1e-3 to 1e-12, below a metric of rank two; x is long.
+
+    Each certain answer passes: the least norm along directions turned by 1e-6 would lie elsewhere.
+    """
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(6, 12))
+        pool, levels = rng.normal(size=(1, n)), []
+        for _ in range(2):
+            m = int(rng.integers(1, 4))
+            A = pool[rng.integers(len(pool), size=m)] * rng.choice([-1.0, 1.0, 0.5], size=(m, 1))
+            A = A + 10.0 ** rng.uniform(-12.0, -3.0, size=(m, 1)) * rng.normal(size=(m, n))
+            pool, b = np.vstack([pool, A]), rng.normal(size=m)
+            levels.append(Rows(A, np.where(rng.random(m) < 0.5, b, -np.inf), b))
+        root = rng.normal(size=(2, n))
+        problem = Hierarchy(tuple(levels), metric=root.T @ root)
+        found = solved_in_a_loop(solver, problem)
+        if found.status.solved and not is_unsure(found):
+            certain += 1
+            verdict = certificate(problem, found.x, 1e-8)
+            assert verdict.ok, (seed, str(verdict))
+    assert certain > 60
 
 
 @pytest.mark.parametrize("error", [0.0, 1e-13, 1e-12, 1e-11])
