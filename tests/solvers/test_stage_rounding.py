@@ -111,3 +111,26 @@ def test_the_completion_follows_a_last_level_without_bounds(bounds: int) -> None
         )
         answer = solved_in_a_loop(solver(), case)
         assert is_unsure(answer) or certificate(case, answer.x, 1e-8, answer.stage_points).ok, seed
+
+
+def test_an_anchored_row_nearly_parallel_to_a_hard_one_holds_nothing_in_part() -> None:
+    """Its remainder is 1e-13 to 1e-8: it counts as a direction or not, and x is the shortest along all others."""
+    certain = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(4, 8))
+        A, b = rng.normal(size=(2, n)), rng.normal(size=2)
+        a = A[:1] * rng.choice([-1.0, 0.5, 1.0]) + 10.0 ** rng.uniform(-13.0, -8.0) * rng.normal(size=(1, n))
+        goal, F = rng.normal(size=1), rng.normal(size=(int(rng.integers(1, n - 2)), n))
+        levels = [Rows(A, np.array([b[0], -np.inf]), b), Rows(a, goal, goal.copy())]
+        prices = [0.0, 10.0 ** rng.uniform(-3.0, 0.0)]
+        if rng.random() < 0.5:
+            levels.append(Rows(rng.normal(size=(1, n)), np.ones(1), np.ones(1)))
+            prices.append(10.0 ** rng.uniform(-3.0, 0.0))
+        case = Hierarchy(tuple(levels), 1, prices=np.array(prices), motion=Motion(F, rng.normal(size=len(F))))
+        answer = solved_in_a_loop(solver(), case)
+        if not is_unsure(answer):
+            certain += 1
+            verdict = certificate(case, answer.x, 1e-8, answer.stage_points)
+            assert verdict.ok, (seed, str(verdict))
+    assert certain > 60

@@ -60,19 +60,32 @@ class Choice {
   void begin(int free, const double* x) {
     free_ = free;
     x_ = x;
+    unclear_ = false;
     bounds_.clear();
+  }
+  // Keep the value of a row a (n): the basis loses the direction that it sees. All of these go before add().
+  void hold(const double* a) {
+    double* const b = y_.data();
+    const double length = std::sqrt(dot_any(a, a, n_)), seen = see(a, b);
+    if (length > 0.0 && seen > kDirection / kEither * length && seen < kDirection * kEither * length) unclear_ = true;
+    if (seen <= kDirection * length) return;
+    b[0] += b[0] < 0.0 ? -seen : seen;  // reflect the basis so that its first direction is the one
+    std::fill(step_.begin(), step_.end(), 0.0);
+    add_rows(step_.data(), Z_.data(), n_, free_, 2.0 / dot_any(b, b, free_), b, 1, n_);
+    for (int q = 1; q < free_; ++q) add_any(&Z_[static_cast<std::size_t>(q) * n_], step_.data(), -b[q], n_);
+    std::copy(Z_.begin() + n_, Z_.begin() + static_cast<std::ptrdiff_t>(free_--) * n_, Z_.begin());
   }
   // One more row a (n), within these bounds.
   void add(const double* a, double low, double high) {
     if (low == -INFINITY && high == INFINITY) return;
     double* b = &a_[bounds_.size() * static_cast<std::size_t>(free_)];
-    dots_any(a, Z_.data(), n_, free_, n_, b);
-    const double length = std::sqrt(dot_any(a, a, n_)), seen = std::sqrt(dot_any(b, b, free_));
-    if (seen <= kDirection * length) return;
+    if (see(a, b) <= kDirection * std::sqrt(dot_any(a, a, n_))) return;
     const double value = dot_any(a, x_, n_);
-    if (low == high) low = high = value;
     bounds_.push_back({b, smaller(low - value, 0.0), larger(high - value, 0.0)});
   }
+  int free() const { return free_; }
+  // True if a row that was held may see a direction or not.
+  bool unclear() const { return unclear_; }
 
   // Move x, the point of begin(), to the answer; return false if that fails.  metric (n, n), origin (n), or null.
   bool take(const double* metric, const double* origin, double* x) {
@@ -96,6 +109,11 @@ class Choice {
   }
 
  private:
+  // b (free,) = a along the basis; its length.
+  double see(const double* a, double* b) const {
+    dots_any(a, Z_.data(), n_, free_, n_, b);
+    return std::sqrt(dot_any(b, b, free_));
+  }
   // Coordinates y in which |y|^2 / 2 is half the square of the length of x + Z z - origin.
   void by_length(const double* origin) {
     at_.resize(free_);
@@ -137,6 +155,7 @@ class Choice {
   };
 
   int n_, free_ = 0;
+  bool unclear_ = false;
   const double* x_ = nullptr;
   Coordinates at_;
   SoftRows rows_;

@@ -115,11 +115,14 @@ class StageLevels final : public PricedStages {
     const int free = choice_.reduce(stage_.left()->basis(false, choice_.basis()), unseen, count);
     if (!free) return;
     choice_.begin(free, x);
-    above_.each(levels_.count(), [&](int l, int i, double low, double high, const Anchor*) {
-      choice_.add(levels_.row(l, i), low, high);
-    });
+    for (const bool equal : {true, false})
+      above_.each(levels_.count(), [&](int l, int i, double low, double high, const Anchor*) {
+        if ((low == high) != equal) return;
+        if (equal) choice_.hold(levels_.row(l, i));
+        else choice_.add(levels_.row(l, i), low, high);
+      });
     ++completed_;
-    inexact_ = !choice_.take(completion_.metric, completion_.origin, x);
+    inexact_ = choice_.unclear() || (choice_.free() && !choice_.take(completion_.metric, completion_.origin, x));
     look_from(x);
   }
 
