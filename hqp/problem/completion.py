@@ -97,13 +97,18 @@ def unseen(problem: Hierarchy) -> Mat:
         motion = problem.motion
         rows.append(np.eye(n) if motion is None else np.diag(motion.F) if motion.F.ndim == 1 else motion.F)
     for A in rows:
-        sizes = np.maximum(row_lengths(A), GRADED_ROWS * longest_row(A))
-        for a, size in zip(A, sizes, strict=True):
-            length = float(np.linalg.norm(own := a @ Z))
-            if length > RANK_TOLERANCE * size:
-                own[0] += np.copysign(length, own[0])
-                Z = (Z - np.outer(Z @ own, own) * (2.0 / (own @ own)))[:, 1:]
+        Z = _held(Z, A, np.maximum(row_lengths(A), GRADED_ROWS * longest_row(A)))
     return np.asarray(Z)
+
+
+def _held(Z: Mat, A: Mat, sizes: Vec) -> Mat:
+    """The directions without those that rows see, one row after the other; sizes: seen is a share of these."""
+    for a, size in zip(A, sizes, strict=True):
+        length = float(np.linalg.norm(own := a @ Z))
+        if length > RANK_TOLERANCE * size:
+            own[0] += np.copysign(length, own[0])
+            Z = (Z - np.outer(Z @ own, own) * (2.0 / (own @ own)))[:, 1:]
+    return Z
 
 
 def chosen(problem: Hierarchy, x: Vec) -> Vec:
@@ -129,22 +134,19 @@ class Choice:
         A = np.concatenate([np.zeros((0, n)), *(rows.dense(n) for rows in levels)])
         self._lower = np.concatenate([np.zeros(0), *(rows.lower for rows in levels)])
         self._upper = np.concatenate([np.zeros(0), *(rows.upper for rows in levels)])
-        self._lengths, self._z = row_lengths(A), x @ self.Z
-        self._still = x - self.Z @ self._z
-        self._A, self._B, value = A, A @ self.Z, A @ x
-        self._sees = row_lengths(self._B) > RANK_TOLERANCE * self._lengths
-        self.allowed, self._size = np.zeros(self._sees.size), float(np.linalg.norm(x))
+        self._A, self._lengths, self._size = A, row_lengths(A), float(np.linalg.norm(x))
+        sees = row_lengths(A @ self.Z) > RANK_TOLERANCE * self._lengths
+        self.allowed = np.zeros(sees.size)
         self._within = x
         if not self.Z.shape[1]:
             return
-        self._within = y = self._point(HARD, np.zeros(self._sees.size, dtype=bool), INSET)
+        self._within = y = self._point(HARD, self.Z, INSET)
         size = self._size
-        if not self._beyond(A @ y)[self._sees].any():  # else the levels violate some
+        if not self._beyond(A @ y)[sees].any():  # else the levels violate some
             size = max(size, float(np.linalg.norm(y)))
-        self.allowed = SOFTNESS * size * self._lengths * self._sees
-        self._broken = self._beyond(value)
-        self._lower = np.where(self._broken, value, self._lower)
-        self._upper = np.where(self._broken, value, self._upper)
+        self.allowed = SOFTNESS * size * self._lengths * sees
+        broken = self._beyond(A @ x)
+        self._left = _held(self.Z, A[broken], self._lengths[broken])  # rows that are broken keep their values
 
     def _beyond(self, value: Vec) -> Mask:
         """Mask of rows that these values violate by more than is allowed."""
@@ -154,27 +156,27 @@ class Choice:
 
     def minimum(self) -> Vec:
         """The answer, ``(n,)``."""
-        return self._point(SOFTNESS, self._broken, 0.0) if self.Z.shape[1] else self._x
+        return self._point(SOFTNESS, self._left, 0.0) if self.Z.shape[1] else self._x
 
     def within(self) -> Vec:
         """A point within the rows, at which the levels may be judged, ``(n,)``.
 
         Rows that hold a level are at their bounds there to about INSET of their terms.
         """
-        return self._point(HARD, self._broken, INSET) if self.Z.shape[1] and self._broken.any() else self._within
+        kept = not self.Z.shape[1] or self._left is self.Z
+        return self._within if kept else self._point(HARD, self._left, INSET)
 
-    def _point(self, softness: float, broken: Mask, inset: float) -> Vec:
+    def _point(self, softness: float, Z: Mat, inset: float) -> Vec:
         off = inset * (self._lengths + np.abs(self._A) @ np.abs(self._x))
-        off = np.where(broken, 0.0, np.minimum(off, 0.5 * (self._upper - self._lower)))
-        sees = self._sees
+        off = np.minimum(off, 0.5 * (self._upper - self._lower))
+        sees = row_lengths(B := self._A @ Z) > RANK_TOLERANCE * self._lengths
+        still = self._x - Z @ (z := self._x @ Z)
         lengths = self._lengths[sees]
-        base = (self._A[sees] @ self._still) / lengths
+        base = (self._A[sees] @ still) / lengths
         lower, upper = (self._lower + off)[sees] / lengths - base, (self._upper - off)[sees] / lengths - base
         single = np.count_nonzero(self._A[sees], axis=1) == 1
-        soft = np.where(single, max(SINGLE * softness, HARD), softness)
-        weight = 1.0 / np.where(broken[sees], min(softness, HARD), soft)
-        z = _minimum(self._B[sees] / lengths[:, None], lower, upper, weight, self._z)
-        return np.asarray(self._still + self.Z @ z)
+        weight = 1.0 / np.where(single, max(SINGLE * softness, HARD), softness)
+        return np.asarray(still + Z @ _minimum(B[sees] / lengths[:, None], lower, upper, weight, z))
 
 
 def _minimum(B: Mat, lower: Vec, upper: Vec, weight: Vec, z: Vec) -> Vec:

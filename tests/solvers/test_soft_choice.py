@@ -153,6 +153,31 @@ def test_nearly_parallel_rows_do_not_tilt_what_no_level_sees() -> None:
     assert certain > 60
 
 
+def test_broken_rows_nearly_dependent_on_others_hold_nothing_in_part() -> None:
+    """All levels are constraints; rows that conflict, and keep their values, repeat others but for 1e-11 to 1."""
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(250):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 7))
+        limit = rng.uniform(0.1, 2.0, size=n)
+        levels = [Rows(Selection(np.arange(n)), np.where(rng.random(n) < 0.3, 0.0, -limit), limit)]
+        pool = rng.normal(size=(1, n))
+        for _ in range(int(rng.integers(1, 3))):
+            m, most = int(rng.integers(1, 3)), -5.0 if rng.random() < 0.5 else 0.0
+            A = pool[rng.integers(len(pool), size=m)] * rng.choice([-1.0, 0.5, 1.0], size=(m, 1))
+            A = A + 10.0 ** rng.uniform(-11.0, most) * rng.normal(size=(m, n))
+            pool, b = np.vstack([pool, A, rng.normal(size=(1, n))]), 3.0 * rng.normal(size=m)
+            levels.append(Rows(A, np.where(rng.random(m) < 0.7, b, -np.inf), b))
+        root = rng.normal(size=(int(rng.integers(1, n)), n))
+        problem = Hierarchy(tuple(levels), len(levels), root.T @ root)
+        found = solved_in_a_loop(solver, problem)
+        if found.status.solved and not is_unsure(found):
+            certain += 1
+            verdict = certificate(problem, found.x, 1e-8)
+            assert verdict.ok, (seed, str(verdict))
+    assert certain > 150
+
+
 @pytest.mark.parametrize("error", [0.0, 1e-13, 1e-12, 1e-11])
 @pytest.mark.parametrize("share", [1e-7, 1e-6, 1e-5])
 def test_a_row_that_holds_a_level_by_a_small_multiplier_counts(share: float, error: float) -> None:

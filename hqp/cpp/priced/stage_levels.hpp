@@ -112,9 +112,11 @@ class StageLevels final : public PricedStages {
 
   void complete(const double* unseen, int count, double* x) override {
     if (!stage_.left()) return;
-    const int free = choice_.reduce(stage_.left()->basis(false, choice_.basis()), unseen, count);
-    if (!free) return;
-    choice_.begin(free, x);
+    Basis& basis = choice_.basis();
+    basis.count = stage_.left()->basis(false, basis.at(0));
+    for (int j = 0; j < count; ++j) basis.hold(unseen + static_cast<std::ptrdiff_t>(j) * n_, kDirection);
+    if (!basis.count) return;
+    choice_.begin(x);
     for (const bool equal : {true, false})
       above_.each(levels_.count(), [&](int l, int i, double low, double high, const Anchor*) {
         if ((low == high) != equal) return;
@@ -122,7 +124,7 @@ class StageLevels final : public PricedStages {
         else choice_.add(levels_.row(l, i), low, high);
       });
     ++completed_;
-    inexact_ = choice_.unclear() || (choice_.free() && !choice_.take(completion_.metric, completion_.origin, x));
+    inexact_ = choice_.unclear() || (basis.count && !choice_.take(completion_.metric, completion_.origin, x));
     look_from(x);
   }
 
