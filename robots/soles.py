@@ -27,19 +27,24 @@ TIPPED, FLAT = np.deg2rad(40.0), np.deg2rad(2.0)
 TOES = 0.05
 """A sole whose middle is off its ankle by less, as a share of its length, does not show which way is ahead."""
 
+ROLLS = np.deg2rad(10.0)
+"""Faces of a sole are turned by less from level: on a steeper one a foot would roll before it stands."""
+
 Corners = tuple[tuple[float, float], ...]
 
 
 def sole(robot: Any, frame: str, most: int = 6) -> Corners:
     """Corners (x, y) of the sole in the axes of a frame whose z is up, counter-clockwise [m], at most so many.
 
-    They are corners of the convex hull of the lowest points of the shapes on the frame's link; if there are more than
-    ``most``, those that contribute least area are dropped, so that the polygon lies inside the sole. Raises
-    FrameNotFound, ModelError for a link without shapes, or one whose lowest points are on a line.
+    They are corners of the level faces of the convex hull of the lowest points of the shapes on the frame's link; if
+    there are more than ``most``, those that contribute least area are dropped, so that the polygon lies inside the
+    sole. Raises FrameNotFound, ModelError for a link without shapes, or one whose lowest points are on a line.
     """
     cloud = _cloud(robot, frame)
-    low = cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE, :2]
-    corners = _hull(low) if len(low) > 2 else []
+    low = cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE]
+    hull = _hull_below(low)
+    level = [] if hull is None else hull.simplices[hull.equations[:, 2] < -np.cos(ROLLS)]
+    corners = _hull(low[np.unique(level)][:, :2]) if len(level) else []
     if len(corners) < 3:
         found = f"{len(low)} lowest points, needed three that are not on a line"
         raise ModelError(f"{robot.name}: no sole at {frame!r}: its link's shapes have {found}")
@@ -98,6 +103,18 @@ def _hull(cloud: Mat) -> list[Any]:
         return [cloud[k] for k in ConvexHull(cloud).vertices]
     except QhullError:
         return []
+
+
+def _hull_below(cloud: Mat) -> Any:
+    """Convex hull of points and one high above, so that points in one plane have one; None for points on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    if len(cloud) < 3:
+        return None
+    try:
+        return ConvexHull(np.vstack([cloud, cloud.mean(axis=0) + [0.0, 0.0, 1.0]]))
+    except QhullError:
+        return None
 
 
 def _area(corners: list[Any], k: int) -> float:
@@ -206,12 +223,8 @@ def _largest_face(cloud: Mat) -> Vec | None:
     """Outward normal ``(3,)`` of the largest face of the convex hull among those turned by less than TIPPED from below;
     triangles whose normals differ by less than FLAT are one face.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
-    above = cloud.mean(axis=0) + [0.0, 0.0, 1.0]  # shapes in one plane have no hull
-    try:
-        hull = ConvexHull(np.vstack([cloud, above]))
-    except QhullError:
+    hull = _hull_below(cloud)
+    if hull is None:
         return None
     below = hull.equations[:, 2] < -np.cos(TIPPED)
     if not below.any():

@@ -24,6 +24,7 @@ def biped(
     ankles: tuple[str, ...] = ANKLES,
     pairs: bool = False,
     waist: tuple[str, ...] = (),
+    rods: float = 0.0,
     name: str = "biped",
 ) -> Path:
     """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
@@ -33,7 +34,7 @@ def biped(
     level in it, toes up [rad].  tilt: angle of the soles in the frames of their feet, toes down [rad].  ahead: distance
     of the soles' middle from the ankles, times size [m].  right_first: order of the legs.  ankles: their axes.  pairs:
     soles touch only the geom ``floor``, by pairs.  waist: axes of joints between the trunk and a pelvis that carries
-    both legs.
+    both legs.  rods: radius of two lying cylinders on the lines at +-25 mm in place of a box, times size [m].
     """
     s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'
     touch = 'contype="0" conaffinity="0"' if pairs else ""
@@ -63,6 +64,13 @@ def biped(
             f'<geom name="{side}_s" type="box" size="{0.1 * s:.6g} {0.045 * s:.6g} {0.01 * s:.6g}" '
             f'pos="{x * s:.6g} 0 {z * s:.6g}" axisangle="0 1 0 {tilt:.12g}" mass="{0.8 * s**3:.6g}" {touch}/>'
         )
+        if rods:
+            back_end, toe, low = s * (ahead - 0.1), s * (ahead + 0.1), s * (-0.06 + rods)
+            sole = "".join(
+                f'<geom name="{side}_s{k}" type="cylinder" size="{rods * s:.6g}" mass="{0.4 * s**3:.6g}" '
+                f'fromto="{back_end:.6g} {y * s:.6g} {low:.6g} {toe:.6g} {y * s:.6g} {low:.6g}"/>'
+                for k, y in enumerate((-0.025, 0.025))
+            )
         inside = "".join(hinge(f"{side}_a_{axis}", axis, 80.0) for axis in ankles) + sole
         foot = f'<body name="{side}_f" pos="0 0 {-0.35 * s:.6g}">{inside}</body>'
         shank = link(

@@ -38,6 +38,18 @@ def test_soles_that_are_not_level_at_home_are_whole_and_left_is_left(seed: int, 
         assert state.rotation(frame)[2, 2] == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_the_sole_of_round_shapes_is_as_wide_as_they_touch(seed: int, tmp_path: Path) -> None:
+    """Two lying cylinders bear on two lines, 50 mm apart: beyond them a foot rolls."""
+    size, radius, bend = np.random.default_rng(seed).uniform([0.7, 0.005, 0.2], [1.3, 0.05, 0.8]).tolist()
+    robot, soles = loaded(biped(tmp_path, size=size, rods=radius, bend=bend))
+    for frame in soles:
+        low, high = np.min(sole(robot, frame), axis=0), np.max(sole(robot, frame), axis=0)
+        rolled = size * radius * math.sin(math.radians(8.0))
+        np.testing.assert_allclose([low[0], high[0]], [-0.06 * size, 0.14 * size], atol=1e-6)
+        np.testing.assert_allclose([-low[1], high[1]], 0.025 * size + 0.5 * rolled, atol=0.5 * rolled)
+
+
 def test_shapes_that_touch_by_contact_pairs_are_soles_and_stand(tmp_path: Path) -> None:
     """Geoms without contact bits, whose pairs with the floor are in the file: on the plant's ground they bear it."""
     plain, paired = (loaded(biped(tmp_path, pairs=pairs, name=f"p{pairs}")) for pairs in (False, True))
