@@ -26,7 +26,6 @@ SAME = [
     ("solver/tolerances.hpp", "kSeen", "RANK_TOLERANCE"),
     ("solver/tolerances.hpp", "kViolated", "VIOLATION_TOLERANCE"),
     ("solver/tolerances.hpp", "kMet", "FEASIBILITY_TOLERANCE"),
-    ("solver/tolerances.hpp", "kMultiplierSign", "MULTIPLIER_TOLERANCE"),
 ]
 """Constants by file and name, with their names in Python."""
 

@@ -134,3 +134,18 @@ def test_an_anchored_row_nearly_parallel_to_a_hard_one_holds_nothing_in_part() -
             verdict = certificate(case, answer.x, 1e-8, answer.stage_points)
             assert verdict.ok, (seed, str(verdict))
     assert certain > 60
+
+
+def test_a_force_is_released_if_its_multiplier_is_more_than_rounding() -> None:
+    """Two feet act nearly alike: a multiplier of 3e-12 of the gradient holds 87 N, which moves the motion by 1e-8."""
+    session, given = scene("romeo", "torque")
+    robot, q = session.robot, session.robot.home.copy()
+    v = np.zeros(robot.nv)
+    for i in range(46):
+        tick = session.step(robot.state(q, v), *given(i))
+        if i >= 36:
+            cold, motion = solver().solve(session.problem), session.problem.motion
+            assert motion is not None
+            apart = np.linalg.norm(motion.F @ (tick.x - cold.x))
+            assert is_unsure(cold) or apart < 1e-9 * np.linalg.norm(motion.F @ cold.x), i
+        q, v = tick.advance()

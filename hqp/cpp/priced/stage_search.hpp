@@ -485,7 +485,7 @@ class StageSearch {
     for (int j = 0; j < N_; ++j) scale += y[j] * grade[j] * y[j] * grade[j];
     scale = price * std::sqrt(scale);
     const double least = scale + price;
-    double rounded = 0.0, kept = 0.0;
+    double rounded = scale, kept = 0.0;
     for (int k = 0; k < rank; ++k) part_[k] *= price;
     for (int i = 0; i < goal_.m; ++i) {
       add_any(part_.data(), &K_[static_cast<std::size_t>(i) * ld_], u_[i], rank);
@@ -493,15 +493,14 @@ class StageSearch {
       rounded += std::abs(u_[i]) * goal_.size[i];
     }
     space_.multipliers(part_.data(), lambda_.data());
+    for (std::size_t k = 0; k < set_.size(); ++k) rounded += std::abs(lambda_[k]) * (*rows_)[set_[k]].size;
     int found = -1;
-    double worst = kMultiplierSign * scale;
+    double worst = kRounding * rounded;
     for (std::size_t k = 0; k < set_.size(); ++k) {
       // the gradient must point into the side: lambda <= 0 at upper
-      const double pull = lambda_[k] * (*rows_)[set_[k]].size, wrong = side_[set_[k]] * pull;
-      rounded += std::abs(pull);
+      const double wrong = side_[set_[k]] * lambda_[k] * (*rows_)[set_[k]].size;
       if (kept_[set_[k]]) kept = larger(kept, wrong);
-      if ((*rows_)[set_[k]].equal()) continue;
-      if (wrong <= worst || kept_[set_[k]]) continue;
+      if ((*rows_)[set_[k]].equal() || wrong <= worst || kept_[set_[k]]) continue;
       if (lowest && found >= 0 && set_[k] > set_[found]) continue;
       if (!lowest) worst = wrong;
       found = static_cast<int>(k);

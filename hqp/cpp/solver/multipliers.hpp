@@ -11,7 +11,7 @@ inline namespace HQP_ISA {
 struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
-  double tolerance = kMultiplierSign;
+  double tolerance = 0.0;
   double* g = nullptr;       // (n,) gradient
   double* w = nullptr;       // (rows,) slack of the working rows
   double* lambda = nullptr;  // (rows,)

@@ -6,13 +6,12 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kTiny = 1e-300;           // keeps a quotient finite
-constexpr double kLastDigits = 1e-15;      // rounding of a few operations, of the size of their result
-constexpr double kRounding = 4e-15;        // rounding of a row's terms, of rows of unit length, of the longest row
-constexpr double kNoStep = 1e-14;          // a step or a turn that is rounding, of 1 + |x|; steps nearer are equal
-constexpr double kOnRow = 1e-13;           // rounding of a row's value, its terms, or the rest that others leave
-constexpr double kNoRate = 1e-12;          // share of a step, a gradient, a column, or a row's terms: less is rounding
-constexpr double kMultiplierSign = 1e-11;  // share of a gradient: a smaller multiplier has no sign
+constexpr double kTiny = 1e-300;       // keeps a quotient finite
+constexpr double kLastDigits = 1e-15;  // rounding of a few operations, of the size of their result
+constexpr double kRounding = 4e-15;    // rounding of a row's terms, of rows of unit length, of the longest row
+constexpr double kNoStep = 1e-14;      // a step or a turn that is rounding, of 1 + |x|; steps nearer are equal
+constexpr double kOnRow = 1e-13;       // rounding of a row's value, its terms, or the rest that others leave
+constexpr double kNoRate = 1e-12;      // share of a step, a gradient, a column, or a row's terms: less is rounding
 constexpr double kMet = 1e-11;  // share of a row's length times |x|: a solve, or a hard row, meets rows to no less
 constexpr double kDirection = 1e-10;  // share of a row's length: a row that keeps more adds a direction
 constexpr double kAtBound = 1e-10;    // distance of a row from its bound while searching, of its terms

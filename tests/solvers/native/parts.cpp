@@ -278,7 +278,7 @@ static void level_search() {
     std::vector<double> upper(two.b.begin(), two.b.begin() + Two::m);
     for (double& u : upper) u += 0.5;
     two.read_with(upper.data());
-    two.set.solve(Options{kSeen, kMultiplierSign, kMet});
+    two.set.solve(Options{kSeen, kMet, kMet});
     Placed<Conditions> at(Two::n, two.table.rows, Two::n, two.table.blocks);
     at.wire(&two.table);
     Judge judge(at);
