@@ -46,6 +46,10 @@ CLEAR = 0.02
 
 PHASES = "stand", "shift", "swing"
 
+STEEPEST = 0.5
+"""Steepest ground, as a share of the angle of friction: a steeper sole has rolled over an edge, and its normal would
+keep the weight out of the friction cone."""
+
 LIMITS = JointLimits(acceleration=60.0, braking=60.0)
 """Limits above the legs: at 1000 rad/s^2 waist and arms are thrown about if a sole bounds the balance."""
 
@@ -143,6 +147,7 @@ class Walker:
             "gravity": self.ability.gravity, "omega": self.omega, "pendulum": both.omega(home),
             "start": self.start.tolist(), "elements": self._elements, "k": self._laws.balance.k,
             "weight": self.weight, "upright": upright.ravel().tolist(),
+            "steepest": STEEPEST * math.atan(self._declared["friction"]),
             "limits": robot.effort_limit[robot.actuated].tolist(), "friction": _friction(robot),
         }  # fmt: skip
 

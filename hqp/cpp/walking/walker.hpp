@@ -81,7 +81,8 @@ class Walker {
         omega_(p.number("omega")),
         pendulum_(p.number("pendulum")),
         k_(p.number("k")),
-        weight_(p.number("weight")) {
+        weight_(p.number("weight")),
+        steepest_(p.number("steepest")) {
     const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
     gait_ = {gait[0], gait[1], gait[2], gait[3], gait[4], gait[5]};
     footsteps_ = {gait_.period(), p.number("width"), {reach[0], reach[1], reach[2], reach[3]}};
@@ -376,8 +377,17 @@ class Walker {
       references_.trunk[3 + j] = sine * upright_[j] + c * upright_[3 + j];
       references_.trunk[6 + j] = upright_[6 + j];
     }
-    for (std::size_t side = 0; side < 2; ++side)
-      for (int i = 0; i < 3; ++i) references_.normal[side][std::size_t(i)] = biped_.rotation[side].column[2][i];
+    for (std::size_t side = 0; side < 2; ++side) {
+      const Vec3 n = normal(biped_.rotation[side].column[2]);
+      references_.normal[side] = {n[0], n[1], n[2]};
+    }
+  }
+  // Normal of the ground below a sole: the sole's, unless that is so steep that the sole has rolled over an edge.
+  Vec3 normal(const Vec3& up) const {
+    const double level = std::hypot(up[0], up[1]), angle = std::atan2(level, up[2]);
+    if (!(angle > steepest_)) return up;
+    const double part = std::sin(steepest_) / level;
+    return {part * up[0], part * up[1], std::cos(steepest_)};
   }
   // Height of the CoM in the world, at bounded speed, raised by its recent deficit.
   double height(double com) {
@@ -458,7 +468,7 @@ class Walker {
     s.heavier = held(s.mean, 1.0 - kHeavier, 1.0 + kHeavier);
   }
 
-  double dt_, height_, omega_, pendulum_, k_, weight_;
+  double dt_, height_, omega_, pendulum_, k_, weight_, steepest_;
   Gait gait_{};
   Footsteps footsteps_{};
   Ability ability_{};
