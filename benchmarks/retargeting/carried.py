@@ -29,6 +29,9 @@ SPARE = 0.4
 SETTLED = 0.08
 """Time before a landing in which its place stays [s]."""
 
+WEIGHS = 0.3
+"""Time over which the robot weighs itself [s]."""
+
 
 @dataclass(frozen=True)
 class Disturbance:
@@ -54,6 +57,7 @@ class Carrying(Tracking):
 
     The CoM follows the plan's acceleration and, with the gains of the walker's DCM law, its place and velocity.  A foot
     in the air lands where the DCM's error at that time is made up for; from there the rest of the plan is moved along.
+    The robot weighs itself on its soles: its mass over the model's scales its torques.
     """
 
     def __init__(self, robot: Any, targets: Targets, q: Any, plan: Dynamics, disturbance: Disturbance) -> None:
@@ -73,6 +77,8 @@ class Carrying(Tracking):
         controller = Controller(stack, Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
         self.session = controller.session(robot, DT)
         self.moved, self.landing = np.zeros(2), np.zeros(2)
+        gravity = float(-robot.gravity[2])
+        self.load, self.lift, self.rises = robot.mass * gravity, gravity, float(self.rate[0, 2])
 
     def _furnish(self, spec: Any) -> None:
         super()._furnish(spec)
@@ -97,8 +103,16 @@ class Carrying(Tracking):
                 self.plant.data.qvel[:2] += given.push * np.array([math.cos(given.heading), math.sin(given.heading)])
             tick = self._tick(i, self.plant.time - i / self.fps)
             usable, ticks = usable + tick.status.usable, ticks + 1
-            self.plant.step(np.clip(tick.command, -self._limit, self._limit), steps=steps)
+            command = self.load / (self.lift * self.robot.mass) * tick.command
+            self.plant.step(np.clip(command, -self._limit, self._limit), steps=steps)
         return Fate(self.plant.time, end, usable / max(ticks, 1), math.nan, self._body())
+
+    def _weigh(self, load: float, rate: float) -> None:
+        """Mean the load of the soles [N] and the CoM's acceleration against free fall [m/s^2], from its rate [m/s]."""
+        lift = (rate - self.rises) / DT - float(self.robot.gravity[2])
+        self.load += DT / WEIGHS * (load - self.load)
+        self.lift += DT / WEIGHS * (lift - self.lift)
+        self.rises = rate
 
     def _tick(self, i: int, since: float) -> Any:
         reading = self.plant.measure()
@@ -106,6 +120,7 @@ class Carrying(Tracking):
         told = self.clip.state(self.robot.integrate(self.q[i], self.v[i], since), self.v[i])
         calm = self.body.state(self.robot.integrate(self.calm[i], self.calm_v[i], since), self.calm_v[i])
         self._compare(state, told, [*self.moved, 0.0])
+        self._weigh(float(np.sum(reading.contacts.load)), float(state.com_velocity()[2]))
         before = self.phase
         self._stand(i, reading.contacts.load)
         stacks = self.stacks
