@@ -20,6 +20,9 @@ STEADY = 0.02
 OUT, OUT_SQUARED = 10.0, 1e-3
 """Weights of the distance by which a ZMP leaves its polygon, and of its square: it leaves only if it has to."""
 
+GRIP = 0.5
+"""Largest horizontal force of a sole along two directions, as a share of its load."""
+
 SINKING, RISING = 0.6, 1.5
 """Largest downward and upward acceleration of the CoM while a sole stands, as shares of g."""
 
@@ -28,22 +31,48 @@ SOLVERS = ("clarabel", "piqp", "proxqp", "osqp")
 
 
 class Support(NamedTuple):
-    """Convex polygon {p: normals p <= offsets} of the soles that stand, ``(m, 2)``, ``(m,)``, and its height [m]."""
+    """A sole that stands: its convex outline from above, counter-clockwise ``(m, 2)``, and its height [m]."""
 
-    normals: Mat
-    offsets: Vec
+    corners: Mat
     height: float
 
-    def outside(self, p: Vec) -> float:
-        """Largest distance of a point ``(2,)`` beyond an edge, below 0 inside [m]."""
-        return float((self.normals @ p - self.offsets).max())
+    @property
+    def edges(self) -> tuple[Mat, Vec]:
+        """Normals ``(m, 2)`` and offsets ``(m,)`` [m] of the outline {p: normals p <= offsets}."""
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        normals = np.column_stack((along[:, 1], -along[:, 0]))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return normals, np.sum(normals * self.corners, axis=1)
+
+
+Soles = tuple[Support, ...]
+"""The soles that stand, none in flight."""
+
+
+def outside(soles: Soles, com: Vec, force: Vec, turning: Vec) -> float:
+    """Distance by which the ground's force leaves the hull of the soles, below 0 inside [m].
+
+    com ``(3,)`` [m].  force ``(3,)``: its direction.  turning ``(2,)``: shift of its line by the angular momentum [m].
+    At a share l of the way from one sole to the other the hull is (1 - l) P + l Q: least over l.
+    """
+    ends = [com[:2] - (com[2] - sole.height) / force[2] * force[:2] + turning for sole in (soles[0], soles[-1])]
+    normals = np.vstack([sole.edges[0] for sole in soles])
+    off, other = (
+        normals @ p - (sole.corners @ normals.T).max(axis=0)
+        for p, sole in zip(ends, (soles[0], soles[-1]), strict=True)
+    )
+    slope = other - off
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.nan_to_num((off[:, None] - off) / (slope - slope[:, None])).ravel()
+    shares = np.clip(np.concatenate((shares, [0.0, 1.0])), 0.0, 1.0)
+    return float((off + np.outer(shares, slope)).max(axis=1).min())
 
 
 @dataclass(frozen=True)
 class CentroidalPlan:
     """com, velocity, acceleration ``(n, 3)`` [m, m/s, m/s^2] and zmp ``(n, 2)`` [m], NaN in flight.
 
-    outside: distance by which the ZMP leaves its polygon ``(n,)`` [m], above 0 only if no plan keeps it inside.
+    outside: distance by which a sole's forces leave it ``(n,)`` [m], above 0 only if no plan keeps them inside.
     """
 
     com: Mat
@@ -63,79 +92,116 @@ class CentroidalPlan:
 
 
 def centroidal_plan(
-    com: Mat, supports: Sequence[Support | None], dt: float, *, gravity: float, highest: Vec, spin: Mat | None = None
+    com: Mat, supports: Sequence[Soles], dt: float, *, gravity: float, highest: Vec, spin: Mat | None = None
 ) -> CentroidalPlan:
     """Plan the CoM c of n nodes, dt [s] apart, by two convex quadratic programs with the jerk as input.
 
-    First the height z, free fall without a support, at most ``highest`` ``(n,)`` [m] where the legs reach; then, with
-    that height, x and y:
+    First the height z, free fall without a sole, at most ``highest`` ``(n,)`` [m] where the legs reach; then, with that
+    height, x and y, and for each sole j its share l_j of the load, r_j = l_j p_j with the centre of pressure p_j, and
+    its part a_j of the acceleration:
 
         min sum |c - com|^2 + ``JERK`` |dddc/dt|^2 dt + ``STEADY`` |p_k+1 - p_k|^2 + ``OUT`` s
-        s.t. N p_k <= b + s,  p = c - (z - z_ground) ddc/dt / (ddz/dt + g) + (-dL_y/dt, dL_x/dt) / (m (ddz/dt + g))
+        s.t. N_j r_j <= l_j b_j + s,  |a_j| <= ``GRIP`` l_j (ddz/dt + g),  sum l_j = 1,  sum a_j = ddc/dt,
+             p = sum r_j = c - sum (z - z_j) a_j / (ddz/dt + g) + (-dL_y/dt, dL_x/dt) / (m (ddz/dt + g))
 
-    and the DCM of the last node in its polygon, so that the robot can stop.  com ``(n, 3)`` [m], supports: a polygon
-    for each node, None in flight.  gravity [m/s^2].  spin ``(n, 2)``: dL/dt / m about x and y, the angular momentum's
-    rate over the mass [m^2/s^2], 0 for None.  Strictly convex: the plan turns with the motion.  Raises HqpError without
+    and the DCM of the last node between its soles, so that the robot can stop.  com ``(n, 3)`` [m], supports: the
+    soles of each node.  gravity [m/s^2].  spin ``(n, 2)``: dL/dt / m about x and y, the angular momentum's
+    rate over the mass [m^2/s^2], 0 for None.  The plan turns with the motion.  Raises HqpError without
     a solver (Kajita et al. 2003, there with the ZMP tracked; Winkler et al. 2017, vertical motion first).
     """
     n = len(com) - 1
-    z = _height(com[:, 2], np.array([s is None for s in supports]), dt, gravity, highest)
+    z = _height(com[:, 2], np.array([not soles for soles in supports]), dt, gravity, highest)
     spin = np.zeros((n + 1, 2)) if spin is None else spin
     push = np.maximum(z[:, 2] + gravity, 1e-3)
     size, nodes = 4 * n + 3, 3 * np.arange(n + 1)  # variables of an axis: p, v, a of each node, then n jerks
-    total = 2 * size + n + 1  # x, y and the distance s of each node
+    slack = 2 * size + np.arange(n + 2)  # of each node, and of the DCM of the last
+    more = [max(len(soles) - 1, 0) for soles in (*supports, supports[-1])]
+    begins = slack[-1] + 1 + 5 * np.concatenate(([0], np.cumsum(more)))  # l, r and a of each sole beyond the first
+    total = int(begins[-1])
     weight, linear = np.zeros(total), np.zeros(total)
-    weight[2 * size :], linear[2 * size :] = OUT_SQUARED, OUT
+    weight[slack], linear[slack] = OUT_SQUARED, OUT
     for k in (0, 1):
         weight[k * size + nodes], linear[k * size + nodes] = 1.0, -com[:, k]
         weight[k * size + 3 * (n + 1) : (k + 1) * size] = JERK * dt
     at = np.array([0, size])
     rows, lower, upper = _Rows(total), [], []
     zmp, shifts = _Rows(total), np.zeros((n + 1, 2))
-    for i, support in enumerate(supports):
-        place, force = at + nodes[i], at + nodes[i] + 2
-        if support is None:
-            for column in force:
-                rows.add([column], [1.0])
-                lower.append(0.0)
-                upper.append(0.0)
+
+    def bound(columns: Sequence[int], values: Sequence[float], most: float, least: float = -np.inf) -> None:
+        rows.add(columns, values)
+        lower.append(least)
+        upper.append(most)
+
+    def inside(soles: Soles, first: int, point: list[tuple[list[int], list[float]]], shift: Vec, free: int) -> None:
+        """Bound a point, the sum of terms by axis, and the shares of the soles."""
+        begin = [first + 5 * j for j in range(len(soles) - 1)]
+        normals, offsets = soles[0].edges
+        for normal, offset in zip(normals, offsets, strict=True):
+            columns, values = [*begin, free], [*[offset] * len(begin), -1.0]
+            for k, (own, factors) in enumerate(point):
+                columns += [*own, *(b + 1 + k for b in begin)]
+                values += [*(normal[k] * f for f in factors), *[-normal[k]] * len(begin)]
+            bound(columns, values, offset - normal @ shift)
+        for b, sole in zip(begin, soles[1:], strict=True):
+            bound([b], [1.0], 1.0, 0.0)
+            for normal, offset in zip(*sole.edges, strict=True):
+                bound([b + 1, b + 2, b, free], [*normal, -offset, -1.0], 0.0)
+        if len(begin) > 1:
+            bound(begin, [1.0] * len(begin), 1.0)
+
+    for i, soles in enumerate(supports):
+        place, force, begin = at + nodes[i], at + nodes[i] + 2, [*range(begins[i], begins[i + 1], 5)]
+        if not soles:
             for k in (0, 1):
+                bound([force[k]], [1.0], 0.0, 0.0)
                 zmp.add([place[k]], [1.0])
             continue
-        lever = (z[i, 0] - support.height) / push[i]
+        lever = (z[i, 0] - soles[0].height) / push[i]
+        above = [(sole.height - soles[0].height) / push[i] for sole in soles[1:]]
         shifts[i] = np.array([-spin[i, 1], spin[i, 0]]) / push[i]
-        for k in (0, 1):
-            zmp.add([place[k], force[k]], [1.0, -lever])
-        for normal, offset in zip(support.normals, support.offsets, strict=True):
-            rows.add([*place, *force, 2 * size + i], [*normal, *(-lever * normal), -1.0])
-            lower.append(-np.inf)
-            upper.append(offset - normal @ shifts[i])
-    if (last := supports[-1]) is not None:
-        time = np.sqrt(max(z[-1, 0] - last.height, 1e-3) / gravity)
-        for normal, offset in zip(last.normals, last.offsets, strict=True):
-            end = at + nodes[-1]
-            rows.add([*end, *(end + 1), total - 1], [*normal, *(time * normal), -1.0])
-            lower.append(-np.inf)
-            upper.append(offset)
+        point = [([place[k], force[k], *(b + 3 + k for b in begin)], [1.0, -lever, *above]) for k in (0, 1)]
+        for columns, values in point:
+            zmp.add(columns, values)
+        inside(soles, begins[i], point, shifts[i], slack[i])
+        grip = GRIP * push[i]
+        for way in _ways(soles):
+            for b in begin:
+                bound([b + 3, b + 4, b], [*way, -grip], 0.0)
+            others = [b + 3 + k for b in begin for k in (0, 1)]
+            bound([*force, *others, *begin], [*way, *[-x for _ in begin for x in way], *[grip] * len(begin)], grip)
+    if last := supports[-1]:
+        level = float(np.mean([sole.height for sole in last]))
+        time, end = np.sqrt(max(z[-1, 0] - level, 1e-3) / gravity), at + nodes[-1]
+        inside(last, begins[-2], [([end[k], end[k] + 1], [1.0, time]) for k in (0, 1)], np.zeros(2), slack[-1])
     sparse = _sparse()
     chain = _chain(n, dt)
-    dynamics = sparse.hstack([sparse.block_diag([chain, chain]), sparse.csc_matrix((2 * chain.shape[0], n + 1))])
+    dynamics = sparse.hstack(
+        [sparse.block_diag([chain, chain]), sparse.csc_matrix((2 * chain.shape[0], total - 2 * size))]
+    )
     Z = zmp.matrix()
     steps = sparse.diags([-1.0, 1.0], [0, 2], shape=(2 * n, 2 * (n + 1))) @ Z
+    least = np.full(total, -np.inf)
+    least[slack] = 0.0
     x = _solve(
         sparse.diags(weight) + STEADY * (steps.T @ steps),
         linear + STEADY * (steps.T @ np.diff(shifts, axis=0).ravel()),
         sparse.vstack([dynamics, rows.matrix()]),
         np.concatenate((np.zeros(dynamics.shape[0]), lower)),
         np.concatenate((np.zeros(dynamics.shape[0]), upper)),
-        np.concatenate((np.full(2 * size, -np.inf), np.zeros(n + 1))),
+        least,
     )
     both = [x[k * size : k * size + 3 * (n + 1)].reshape(-1, 3) for k in (0, 1)]
     p, v, a = np.moveaxis(np.stack([*both, z], axis=2), 1, 0)
     reached = (Z @ x).reshape(-1, 2) + shifts
-    out = np.array([0.0 if s is None else max(0.0, s.outside(r)) for s, r in zip(supports, reached, strict=True)])
-    reached[[s is None for s in supports]] = np.nan
-    return CentroidalPlan(p, v, a, reached, out)
+    reached[[not soles for soles in supports]] = np.nan
+    return CentroidalPlan(p, v, a, reached, np.maximum(x[slack[:-1]], 0.0))
+
+
+def _ways(soles: Soles) -> Mat:
+    """Directions in which friction is bounded ``(4, 2)``: along the line between the soles, or an edge, and across."""
+    x, y = soles[-1].corners.mean(axis=0) - soles[0].corners.mean(axis=0) if len(soles) > 1 else soles[0].edges[0][0]
+    one, two = np.array([x, y]) / np.hypot(x, y), np.array([-y, x]) / np.hypot(x, y)
+    return np.array([one, two, -one, -two])
 
 
 def _height(z: Vec, flight: Any, dt: float, gravity: float, highest: Vec) -> Mat:

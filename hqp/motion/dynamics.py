@@ -14,7 +14,7 @@ from hqp.errors import DeclarationError
 from hqp.tasks.support_polygon import hull
 
 from .body import Body
-from .centroidal import Support, centroidal_plan
+from .centroidal import Soles, Support, centroidal_plan, outside
 from .clip import low_pass
 from .contacts import Mask, smooth
 from .joints import SIDES
@@ -145,23 +145,20 @@ def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
     return com, torque * fps
 
 
-def supports_of(tracker: Tracker, q: Mat, stands: Mask, *, margin: bool) -> list[Support | None]:
-    """Polygon of the standing soles from above, frame by frame; margin: true to leave that of a plan."""
+def supports_of(tracker: Tracker, q: Mat, stands: Mask, *, margin: bool) -> list[Soles]:
+    """The standing soles, frame by frame; margin: true to leave that of a plan."""
     stacks = tracker.stacks
     corners = {side: _corners(stacks.body, side, margin) for side in SIDES}
-    found: list[Support | None] = []
+    found = []
     for at, down in zip(q, stands, strict=True):
-        if not down.any():
-            found.append(None)
-            continue
-        state = tracker.robot.state(at)
-        points = []
+        state, soles = tracker.robot.state(at), []
         for side, on in zip(SIDES, down, strict=True):
             if on:
                 frame = stacks.frames[f"{side}_sole"]
                 offsets = np.array([stacks.in_frame(side, corner) for corner in corners[side]])
-                points.append(state.position(frame) + offsets @ state.rotation(frame).T)
-        found.append(_support(np.vstack(points)))
+                points = state.position(frame) + offsets @ state.rotation(frame).T
+                soles.append(Support(points[hull(points[:, :2]), :2], float(points[:, 2].mean())))
+        found.append(tuple(soles))
     return found
 
 
@@ -171,17 +168,8 @@ def _corners(body: Body, side: str, margin: bool) -> Mat:
     return np.asarray(middle + (1.0 - SHARE if margin else 1.0) * (outline - middle))
 
 
-def _support(points: Mat) -> Support:
-    """Polygon of points ``(m, 3)``."""
-    corners = points[hull(points[:, :2]), :2]
-    along = np.roll(corners, -1, axis=0) - corners
-    normals = np.column_stack((along[:, 1], -along[:, 0]))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Support(normals, np.sum(normals * corners, axis=1), float(points[:, 2].mean()))
-
-
 def zmp_outside(tracker: Tracker, q: Mat, stands: Mask) -> Vec:
-    """Distance of the ZMP of a motion outside the standing soles, angular momentum included ``(T,)`` [m].
+    """Distance of the ground's force outside the hull of the standing soles, angular momentum included ``(T,)`` [m].
 
     Below 0 inside, NaN in flight.
     """
@@ -189,12 +177,11 @@ def zmp_outside(tracker: Tracker, q: Mat, stands: Mask) -> Vec:
     com, spin = centroidal(robot, q, fps)
     acceleration = np.gradient(np.gradient(com, axis=0), axis=0) * fps**2
     found = np.full(len(q), np.nan)
-    for i, support in enumerate(supports_of(tracker, q, stands, margin=False)):
-        if support is not None:
-            push = max(float(acceleration[i, 2] - robot.gravity[2]), 1e-3)
-            lever = (com[i, 2] - support.height) / push
-            turning = np.array([-spin[i, 1], spin[i, 0]]) / push
-            found[i] = support.outside(com[i, :2] - lever * acceleration[i, :2] + turning)
+    for i, soles in enumerate(supports_of(tracker, q, stands, margin=False)):
+        if soles:
+            force = acceleration[i] - robot.gravity
+            force[2] = max(force[2], 1e-3)
+            found[i] = outside(soles, com[i], force, np.array([-spin[i, 1], spin[i, 0]]) / force[2])
     return found
 
 
