@@ -61,7 +61,8 @@ class LinkHull(NamedTuple):
     @property
     def radius(self) -> float:
         """Radius of the ball around it [m]."""
-        return max(math.dist(self.a, corner) for corner in self.corners) + self.rounding
+        middle = self.a
+        return max(math.dist(middle, corner) for corner in self.corners) + self.rounding
 
     @property
     def edges(self) -> list[LinkCapsule]:

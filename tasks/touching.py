@@ -86,15 +86,15 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     apart = [(i, j) for i, j in pairs if body[i] not in (body[j], parents[body[j]]) and body[j] != parents[body[i]]]
     if not apart:
         return Judged([], (), [], [])
-    places = _drawn(robot.copy(), sorted(set(body)))
+    bodies = sorted(set(body))
     digest = hashlib.sha256()
-    for position, rotation in places.values():
+    for position, rotation in _drawn(robot.copy(), bodies, 1).values():  # equal robots have equal places
         digest.update(position.tobytes() + rotation.tobytes())
     key = digest.digest(), capsules, tuple(apart), clearance
     if key not in _FOUND:
         while len(_FOUND) >= REMEMBERED:
             del _FOUND[next(iter(_FOUND))]
-        _FOUND[key] = _judged(robot, capsules, apart, clearance, places)
+        _FOUND[key] = _judged(robot, capsules, apart, clearance, _drawn(robot.copy(), bodies, DRAWS))
     return _FOUND[key]
 
 
@@ -103,13 +103,13 @@ def kept(clearance: float, home: float) -> float:
     return min(clearance, KEPT * home if home > 0.0 else home - SLACK)
 
 
-def _drawn(robot: Robot, bodies: list[int]) -> Places:
+def _drawn(robot: Robot, bodies: list[int], draws: int) -> Places:
     """Positions ``(n, 3)`` and rotations ``(n, 3, 3)`` of bodies, at home first."""
     rng = np.random.default_rng(0)
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    drawn = (robot.configuration(rng.uniform(low, high)) for _ in range(DRAWS))
-    found: Places = {b: (np.empty((DRAWS + 1, 3)), np.empty((DRAWS + 1, 3, 3))) for b in bodies}
+    drawn = (robot.configuration(rng.uniform(low, high)) for _ in range(draws))
+    found: Places = {b: (np.empty((draws + 1, 3)), np.empty((draws + 1, 3, 3))) for b in bodies}
     for n, q in enumerate((robot.home, *drawn)):
         robot.state(q).kinematics()
         for b, (positions, rotations) in found.items():

@@ -157,8 +157,11 @@ def test_capsules_of_a_file_have_the_pairs_of_shipped_ones(tmp_path: Any) -> Non
     assert scene(CollisionAvoidance(), robot.copy().with_capsules(own)).pairs != fitted
 
 
-def passing(rng: Any) -> tuple[Any, float, float]:
-    """A ball on a turning slide that passes a trunk with gaps of -deep to wide [m], contact in a third of them."""
+def passing(rng: Any, *, closes: bool = True) -> tuple[Any, float, float]:
+    """A ball on a turning slide that passes a trunk with gaps of -deep to wide [m], contact in a third of them.
+
+    closes: False for a slide that only opens from home.
+    """
     wide = rng.uniform(0.004, 0.009)
     deep, home = rng.uniform(0.1, 0.5) * wide, rng.uniform(0.7, 1.0) * wide
     model = pin.Model()
@@ -167,7 +170,7 @@ def passing(rng: Any) -> tuple[Any, float, float]:
     place = pin.SE3(np.eye(3), np.array([0.15 + home, 0.0, 0.0]))
     slide = model.addJoint(
         turn, pin.JointModelPX(), place, "slide", np.full(1, 50.0), np.full(1, 1.0),
-        np.full(1, -deep - home), np.full(1, wide - home),
+        np.full(1, -deep - home if closes else 0.0), np.full(1, wide - home),
     )  # fmt: skip
     balls = [(trunk, "trunk", 0.1), (slide, "ball", 0.05)]
     for joint in (trunk, turn, slide):
@@ -196,6 +199,19 @@ def test_links_that_pass_closely_keep_a_smaller_clearance(seed: int) -> None:
     assert any(excluded)
     assert np.mean(excluded) < 0.4 or row.clearance < 1.1 * deep
     assert "keep" in avoid.remark(robot)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_robot_with_other_ranges_has_its_own_clearance(seed: int) -> None:
+    """Pairs are remembered: a robot whose links do not meet keeps no smaller clearance, though one of the same capsules
+    and home does."""
+    (one, *_), (other, *_) = (passing(np.random.default_rng(seed), closes=closes) for closes in (True, False))
+    avoid, kept = CollisionAvoidance(), []
+    for robot in (one, other, one.copy()):
+        [row] = [near for near in avoid.near(robot.state(robot.home)) if near is not None]
+        kept.append(row.clearance)
+    assert kept[0] < kept[1]
+    assert kept[2] == kept[0]
 
 
 def test_links_of_the_catalogue_that_pass_closely_have_a_row() -> None:
