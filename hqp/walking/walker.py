@@ -316,11 +316,15 @@ class Walker:
 
 
 def _friction(robot: Any) -> list[dict[str, Any]]:
-    """Viscous [N m s/rad] and dry friction [N m] of the joints with motors, of the robot's file."""
+    """Viscous [N m s/rad] and dry friction [N m] that motors overcome: the file's, less the share that dry friction has
+    of the largest torque, as a motor that friction holds alone would only push its joint from limit to limit.
+    """
     viscous = np.ravel(robot.model.damping)
     dry = np.ravel(getattr(robot.model, "friction", np.zeros(robot.nv)))
+    columns = np.arange(robot.nv)[robot.actuated]
+    parts = np.maximum(1.0 - dry[columns] / robot.effort_limit[columns], 0.0)
     return [
-        {"motor": i, "column": int(c), "viscous": float(viscous[c]), "dry": float(dry[c])}
-        for i, c in enumerate(np.arange(robot.nv)[robot.actuated])
-        if viscous[c] or dry[c]
+        {"motor": i, "column": int(c), "viscous": float(part * viscous[c]), "dry": float(part * dry[c])}
+        for i, (c, part) in enumerate(zip(columns, parts, strict=True))
+        if part * (viscous[c] + dry[c])
     ]
