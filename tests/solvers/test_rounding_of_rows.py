@@ -11,7 +11,7 @@ import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.problem.graded import Errors, pull
 from hqp.tolerances import FEASIBILITY_TOLERANCE, LARGEST_ROUNDING, NULL_SPACE_ROUNDING, ROUNDED
-from tests.scenes.priced import priced_problem, solved_in_a_loop
+from tests.scenes.priced import is_unsure, priced_problem, solved_in_a_loop
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -239,3 +239,30 @@ def test_active_rows_make_no_verdict_stricter() -> None:
         assert verdict.ok, f"{seed}: {verdict}"
         right += 1
     assert right > 100
+
+
+def test_an_answer_that_rests_on_a_rank_near_either_reading_is_not_certain() -> None:
+    """Rows repeat others but for 3e-11 to 3e-9, some of them 1e3 shorter: a rank of 1e-11 of their length may count."""
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(4, 8))
+        levels, pool = [], rng.normal(size=(1, n))
+        for k in range(3):
+            m = int(rng.integers(2, 5))
+            A = rng.normal(size=(m, n))
+            for i in range(m):
+                if rng.random() < 0.5:
+                    A[i] = pool[rng.integers(len(pool))] + 10.0 ** rng.uniform(-10.5, -8.5) * rng.normal(size=n)
+            pool = np.vstack([pool, A])
+            length = 10.0 ** rng.uniform(-3.0, 0.0, size=(m, 1)) if k else np.ones((m, 1))
+            b = rng.normal(size=m)
+            low = np.where(rng.random(m) < (0.7 if k else 0.3), b, -np.inf)
+            levels.append(Rows(length * A, length[:, 0] * low, length[:, 0] * b))
+        case = Hierarchy(tuple(levels), 1)
+        answer = solved_in_a_loop(solver, case)
+        if answer.status.solved and not is_unsure(answer):
+            certain += 1
+            verdict = certificate(case, answer.x, 1e-8)
+            assert verdict.ok, (seed, str(verdict))
+    assert certain > 80

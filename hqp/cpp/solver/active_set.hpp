@@ -200,7 +200,7 @@ class ActiveSet {
     }
     double& tolerance = problem_.tableau.rank_tolerance;
     const double own = tolerance;
-    for (const double factor : {1.0 / kEither, kEither}) {
+    for (const double factor : {1.0 / (kEither * kEither), kEither * kEither}) {
       if (!still) break;
       tolerance = factor * own;
       problem_.factorise();
