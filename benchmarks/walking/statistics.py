@@ -95,16 +95,18 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
 def lines(found: Sequence[Mapping[str, Any]]) -> Table:
     """Rows of the table."""
 
+    def there(figure: float | None) -> bool:  # a standing robot has no switch of feet; files have null for NaN
+        return figure is not None and math.isfinite(figure)
+
     def two(figures: Mapping[str, float]) -> str:
-        there = figures and math.isfinite(figures["worst"])  # a standing robot has no switch of feet
-        return f"{figures['median']:.0f} / {figures['worst']:.0f}" if there else ""
+        return f"{figures['median']:.0f} / {figures['worst']:.0f}" if figures and there(figures["worst"]) else ""
 
     rows = [
         (
             line["cell"],
             f"{line['falls']} of {line['runs']}",
             f"{100.0 * fall_rate_bound(line['falls'], line['runs']):.0f} %",
-            "" if math.isnan(line["walked"]) else f"{line['walked']:.2f}",
+            f"{line['walked']:.2f}" if there(line["walked"]) else "",
             two(line["jump_switch"]),
             two(line["jump_else"]),
             f"{100.0 * line['optimal']:.2f} %",
