@@ -51,8 +51,8 @@ UNLIMITED = 1e3
 HOLDING = 0.8
 """Largest share of a motor's torque that holds its joint: G1's waist cannot hold the trunk in all of its range."""
 
-BLEND = 0.1
-"""Share of a new estimate of the torque that the model lacks, in a tick."""
+KEPT = 0.9
+"""Both poles, in a tick, of the estimate of the torque that the model lacks and of its rate."""
 
 ROUNDING = 1e-9
 """Share of a limit by which a command changes without a constraint at it."""
@@ -67,13 +67,14 @@ class PolicyFilter:
 
     an implicit step of servos that hold the target q* through the period; the sent target is q* + (tau - tau*) / kp.
     For torques kp = kd = 0.  d, the torques that the model lacks (contacts, friction, loads), is estimated from
-    measured velocities, and so is the wrench on a floating base, which moves freely under it.  By Gauss's principle of
+    measured velocities, and so is the wrench on a floating base, which moves freely under it.  Rows are those of the
+    configuration in the middle of the period.  By Gauss's principle of
     least constraint a joint at its limit changes its own command alone.  For velocities min |x - v*| subject to the
     same without torques, the base as measured.
 
     limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
     that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None; for positions and
-    torques ``approach`` is 60 / s unless it has one.  kp [N m/rad], kd [N m s/rad]: gains of the servos that take
+    torques ``approach`` is 150 / s unless it has one.  kp [N m/rad], kd [N m s/rad]: gains of the servos that take
     position targets, a number, one for each actuated joint or by name.
     command: kind of the policy's and the sent command, "positions" [rad], "velocities" [rad/s] or "torques" [N m].
     held: true for a floating base on a stand: torques do not change its measured motion.
@@ -181,6 +182,7 @@ class Prediction:
         """Discard earlier commands and estimates."""
         self._last: Vec | None = None
         self._before: tuple[Measured, Vec] | None = None
+        self._rate: Vec | float = 0.0
         self.lacking: Vec = np.zeros(self._columns.size)
         """d, the torques that the model lacks, after the wrench on a free base [N m, N]."""
 
@@ -214,6 +216,17 @@ class Prediction:
             return given, given, self.lacking
         given = servos.within_effort(given, angles, speeds)
         return given, servos.torque(given, angles + self._dt * speeds, speeds), self.lacking
+
+    def middle(self, state: Measured) -> Vec:
+        """Configurations ``(nq,)``, ``(count, nq)`` in the middle of the period, at which the stack computes its rows.
+
+        For velocities, and for an invalid state, the measured one.
+        """
+        if isinstance(state, Sequence):
+            return np.array([self.middle(one) for one in state])
+        if not self._forces or not state.valid:
+            return state.q
+        return state.robot.integrate(state.q, state.v, 0.5 * self._dt)
 
     def end(self, command: Vec, free: Vec, x: Vec, solved: bool | Mask = True) -> tuple[Vec, Mask]:
         """(command, joints that it limits), for the torque or velocity x in place of ``free``, after ``begin``.
@@ -261,7 +274,10 @@ class Prediction:
         return state.angles[self._own], state.v[self._own]
 
     def _estimate(self, state: Measured) -> None:
-        """Estimate d from the motion of the last period; the acceleration of a held base is part of it."""
+        """Estimate d and its change in a tick from the motion of the last period, without lag behind a ramp.
+
+        The acceleration of a held base is part of it.
+        """
         if self._before is None:
             return
         before, tau = self._before
@@ -269,8 +285,12 @@ class Prediction:
         found[..., self._first :] -= tau
         if not np.isfinite(found).all():
             found = np.where(np.isfinite(found), found, self.lacking)
-        lacking = self.lacking + BLEND * (within(found, -self._most, self._most) - self.lacking)
-        self.lacking = self._carried(state, lacking) if self._first else lacking
+        error = within(found, -self._most, self._most) - self.lacking
+        rate = self._rate + (1.0 - KEPT) ** 2 * error
+        lacking = within(self.lacking + (1.0 - KEPT**2) * error + rate, -self._most, self._most)
+        if self._first:
+            rate, lacking = self._carried(state, rate), self._carried(state, lacking)
+        self._rate, self.lacking = rate, lacking
 
     def _torques(self, before: Measured, state: Measured) -> Vec:
         """Torques of the model between two states, in the middle of the period."""
@@ -332,6 +352,7 @@ class PolicyFilterSession:
             tick = self.session.step(state, Reference("policy", self._still, free), now=now)
             x = tick.x[self._own]
         else:
+            state = self.robot.state(self._prediction.middle(state), state.v, state.time)
             tick = self.session.step(state, Reference("policy", free), Reference("lacking", load), now=now)
             x = tick.command
         sent, changed = self._prediction.end(taken, free, x, tick.status.solved)
