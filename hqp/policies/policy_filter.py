@@ -286,10 +286,12 @@ class Prediction:
         if not np.isfinite(found).all():
             found = np.where(np.isfinite(found), found, self.lacking)
         error = within(found, -self._most, self._most) - self.lacking
-        rate = self._rate + (1.0 - KEPT) ** 2 * error
-        lacking = within(self.lacking + (1.0 - KEPT**2) * error + rate, -self._most, self._most)
+        both = np.empty((*error.shape[:-1], 2, error.shape[-1]))
+        rate, lacking = both[..., 0, :], both[..., 1, :]
+        rate[:] = self._rate + (1.0 - KEPT) ** 2 * error
+        lacking[:] = within(self.lacking + (1.0 - KEPT**2) * error + rate, -self._most, self._most)
         if self._first:
-            rate, lacking = self._carried(state, rate), self._carried(state, lacking)
+            self._carry(state, both)
         self._rate, self.lacking = rate, lacking
 
     def _torques(self, before: Measured, state: Measured) -> Vec:
@@ -304,14 +306,15 @@ class Prediction:
         q = state.robot.integrate(before.q, v, 0.5 * self._dt)
         return state.robot.inverse_dynamics(q, v, every)[self._columns] + self._stiffening * a
 
-    def _carried(self, state: Measured, torques: Vec) -> Vec:
-        """The torques a period later: the wrench on a free base keeps its direction in the world."""
+    def _carry(self, state: Measured, torques: Vec) -> None:
+        """Carry torques ``(2, k)`` on by a period: the wrench on a free base keeps its direction in the world."""
         if isinstance(state, Sequence):
-            return np.array([self._carried(one, own) for one, own in zip(state, torques, strict=True)])
+            for one, own in zip(state, torques, strict=True):
+                self._carry(one, own)
+            return
         turn = self._dt * state.v[3:6]
-        if not turn @ turn < math.inf:  # NaN, too
-            return torques
-        return np.append(torques[:6].reshape(2, 3) @ exponential(turn), torques[6:])
+        if turn @ turn < math.inf:  # not if NaN
+            torques[:, :6] = (torques[:, :6].reshape(4, 3) @ exponential(turn)).reshape(2, 6)
 
 
 @dataclass(frozen=True, eq=False)
