@@ -322,7 +322,9 @@ def _friction(robot: Any) -> list[dict[str, Any]]:
     viscous = np.ravel(robot.model.damping)
     dry = np.ravel(getattr(robot.model, "friction", np.zeros(robot.nv)))
     columns = np.arange(robot.nv)[robot.actuated]
-    parts = np.maximum(1.0 - dry[columns] / robot.effort_limit[columns], 0.0)
+    limits = robot.effort_limit[columns]
+    held = np.divide(dry[columns], limits, out=np.zeros(columns.size), where=limits > 0.0)
+    parts = np.maximum(1.0 - held, 0.0)
     return [
         {"motor": i, "column": int(c), "viscous": float(part * viscous[c]), "dry": float(part * dry[c])}
         for i, (c, part) in enumerate(zip(columns, parts, strict=True))

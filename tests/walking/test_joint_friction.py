@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import hqp
 from hqp.robots.soles import feet
 from hqp.walking import Walker, Walkers
+from hqp.walking.walker import _friction
 from tests.scenes.bipeds import biped
 
 SPEED, SECONDS = 0.15, 4.0
@@ -66,6 +68,16 @@ def test_a_batch_overcomes_friction_with_the_bits_of_a_single_walker(tmp_path: P
         tick = walker.step(walker.robot.state(q, v), (150.0, 150.0))
         found = batch.step(q[None], v[None], np.array([[150.0, 150.0]]))
         np.testing.assert_array_equal(found.commands[0], tick.command)
+
+
+def test_motors_without_a_limit_overcome_all_friction(tmp_path: Path) -> None:
+    """Files state no limit as infinite or as zero."""
+    robot = made(biped(tmp_path, damping=5.0, dry=3.0)).robot
+    for none in (math.inf, 0.0):
+        limits = np.full(robot.nv, none)
+        same = SimpleNamespace(model=robot.model, nv=robot.nv, actuated=robot.actuated, effort_limit=limits)
+        found = _friction(same)
+        assert [(one["viscous"], one["dry"]) for one in found] == [(5.0, 3.0)] * robot.actuated.size
 
 
 @pytest.mark.parametrize("seed", range(5))
