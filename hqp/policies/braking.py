@@ -19,7 +19,7 @@ SHARE = 0.1
 APPROACH = 150.0
 """Rate at which ranges and clearances are approached [1/s]: at 60 a walking waist, 1.3 rad/s, accelerates less."""
 
-WITHIN, MARGIN = 0.97, 3e-3
+WITHIN, MARGIN = 0.95, 3e-3
 """Share of the speed limits and way to the ranges [rad, m] that dynamics keep, which change within a tick."""
 
 
