@@ -199,7 +199,8 @@ def centroidal_plan(
 
 def _ways(soles: Soles) -> Mat:
     """Directions in which friction is bounded ``(4, 2)``: along the line between the soles, or an edge, and across."""
-    x, y = soles[-1].corners.mean(axis=0) - soles[0].corners.mean(axis=0) if len(soles) > 1 else soles[0].edges[0][0]
+    first, last = soles[0], soles[-1]
+    x, y = first.edges[0][0] if first is last else last.corners.mean(axis=0) - first.corners.mean(axis=0)
     one, two = np.array([x, y]) / np.hypot(x, y), np.array([-y, x]) / np.hypot(x, y)
     return np.array([one, two, -one, -two])
 
