@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
-from hqp import Hierarchy, Motion, Solution, Status
+from hqp import Hierarchy, Motion, Solution, Status, certificate
 from hqp.solvers.base import UNSURE, Solver
 from tests.scenes.kinds import problem
 
@@ -88,3 +88,12 @@ def solved_in_a_loop(solver: Solver, case: Hierarchy) -> Solution:
     workspace = solver.workspace(case.shape)
     workspace.limit(math.inf)  # type: ignore[attr-defined]
     return workspace.solve(case)
+
+
+def is_certain(solver: Solver, case: Hierarchy, seed: int) -> bool:
+    """Solve a problem without prices in a loop; assert that the certificate passes a certain answer, to 1e-8."""
+    found = solved_in_a_loop(solver, case)
+    certain = found.status.solved and not is_unsure(found)
+    verdict = certificate(case, found.x, 1e-8) if certain else None
+    assert verdict is None or verdict.ok, (seed, str(verdict))
+    return certain

@@ -13,7 +13,7 @@ from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Mat, Vec
 from hqp.problem.completion import Choice, allowed, chosen, unseen
 from hqp.tolerances import SOFTNESS
-from tests.scenes.priced import is_unsure, solved_in_a_loop
+from tests.scenes.priced import is_certain
 
 N, FREE = 9, 3
 
@@ -145,11 +145,7 @@ def test_nearly_parallel_rows_do_not_tilt_what_no_level_sees() -> None:
             levels.append(Rows(A, np.where(rng.random(m) < 0.5, b, -np.inf), b))
         root = rng.normal(size=(2, n))
         problem = Hierarchy(tuple(levels), metric=root.T @ root)
-        found = solved_in_a_loop(solver, problem)
-        if found.status.solved and not is_unsure(found):
-            certain += 1
-            verdict = certificate(problem, found.x, 1e-8)
-            assert verdict.ok, (seed, str(verdict))
+        certain += is_certain(solver, problem, seed)
     assert certain > 60
 
 
@@ -170,11 +166,7 @@ def test_broken_rows_nearly_dependent_on_others_hold_nothing_in_part() -> None:
             levels.append(Rows(A, np.where(rng.random(m) < 0.7, b, -np.inf), b))
         root = rng.normal(size=(int(rng.integers(1, n)), n))
         problem = Hierarchy(tuple(levels), len(levels), root.T @ root)
-        found = solved_in_a_loop(solver, problem)
-        if found.status.solved and not is_unsure(found):
-            certain += 1
-            verdict = certificate(problem, found.x, 1e-8)
-            assert verdict.ok, (seed, str(verdict))
+        certain += is_certain(solver, problem, seed)
     assert certain > 150
 
 
