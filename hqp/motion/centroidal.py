@@ -114,7 +114,7 @@ def centroidal_plan(
     spin = np.zeros((n + 1, 2)) if spin is None else spin
     push = np.maximum(z[:, 2] + gravity, 1e-3)
     size, nodes = 4 * n + 3, 3 * np.arange(n + 1)  # variables of an axis: p, v, a of each node, then n jerks
-    slack = 2 * size + np.arange(n + 2)  # of each node, and of the DCM of the last
+    slack = 2 * size + np.arange(n + 2)  # a distance for each node, and one for the last DCM
     more = [max(len(soles) - 1, 0) for soles in (*supports, supports[-1])]
     begins = slack[-1] + 1 + 5 * np.concatenate(([0], np.cumsum(more)))  # l, r and a of each sole beyond the first
     total = int(begins[-1])

@@ -67,10 +67,9 @@ class PolicyFilter:
 
     an implicit step of servos that hold the target q* through the period; the sent target is q* + (tau - tau*) / kp.
     For torques kp = kd = 0.  d, the torques that the model lacks (contacts, friction, loads), is estimated from
-    measured velocities, and so is the wrench on a floating base, which moves freely under it.  Rows are those of the
-    configuration in the middle of the period.  By Gauss's principle of
-    least constraint a joint at its limit changes its own command alone.  For velocities min |x - v*| subject to the
-    same without torques, the base as measured.
+    measured velocities, and so is the wrench on a floating base, which moves freely under it.  The stack computes its
+    rows in the middle of the period.  By Gauss's principle of least constraint a joint at its limit changes its own
+    command alone.  For velocities min |x - v*| subject to the same without torques, the base as measured.
 
     limits: JointLimits; by default without an acceleration window, which no policy keeps, and with the deceleration
     that each motor can provide (``default_limits``).  collision: a CollisionAvoidance, or None; for positions and

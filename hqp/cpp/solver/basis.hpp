@@ -31,7 +31,7 @@ class Basis {
   // x += sign Z' z.
   void add(double* x, double sign, const double* z) const { add_rows(x, Z_.data(), n_, count, sign, z, 1, n_); }
 
-  // Take out the direction that a row a (n) sees if it sees more than `least`; return what it sees.
+  // Take out the direction along a row a (n) if its part in Z is longer than `least`; return the length of that part.
   double hold(const double* a, double least) {
     const double seen = see(a, b_.data());
     if (!(seen > least)) return seen;
