@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import hqp.robots
+from hqp.angles import wrapped
 from hqp.arrays import Vec
 from hqp.robots.on_mujoco import Plane, Servo, Terrain
 from hqp.walking import Gait, Walker
@@ -105,7 +106,7 @@ class Course:
             true = self.plant.state()[0]
             self.tick = self.course.step(push)
             q = self.course.state.q
-            self.off.append([*(q[:3] - true[:3]), heading(q) - heading(true)])
+            self.off.append([*(q[:3] - true[:3]), wrapped(heading(q) - heading(true))])
             self.statuses[self.tick.status.name] += 1
             self.edge += self.walker.edge
             tau = self.tick.command.copy()

@@ -26,11 +26,13 @@ class FeetEstimator:
         db/dt = -R' (sum w_i (-u_i) - v) / (T_velocity T_bias),
         dp/dt = v + (sum w_i (p_i - r_i) - p) / T_position,
 
-    with weights w_i of the feet's loads and the bias b of the accelerometer.  A foot whose velocity v + u_i over the
-    ground, smoothed over SMOOTH, is more than SLIPS slips (``slipping``): it has no weight until it rests again, where
-    it then stands.  If no foot stands for LOST, all that bear load do, and b explains the velocity since.  The IMU's
-    yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.  Measurements that are
-    not finite leave the estimate as it is.
+    with weights w_i of the feet's loads and the bias b of the accelerometer.  What the places of two feet say apart
+    fades in AGREE, while their mean stays: dp_i/dt = (sum w_j (p_j - r_j) - (p_i - r_i)) / T_agree, yaws alike; so a
+    foot that settles beside another moves the base by its share of the load.  A foot whose velocity v + u_i over the
+    ground, smoothed over SMOOTH, is more than SLIPS, or its angular velocity more than TURNS, has no weight until it
+    rests again, where it then stands.  If no foot stands for LOST, all that bear load do, and b explains the velocity
+    since.  The IMU's yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.
+    Measurements that are not finite leave the estimate as it is.
 
     robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
     [s].  q: the configuration at the start ``(nq,)``, which defines the world.  Time constants [s].
@@ -43,9 +45,12 @@ class FeetEstimator:
     FAINT = 1e-3
     """Weight of a foot that still counts as standing and carries next to nothing [N]."""
 
-    SLIPS, SMOOTH, LOST = 0.06, 0.01, 1.0
-    """Velocity over the ground above which a foot that bears load slips [m/s], smoothed over [s]; longest time without
-    a foot that stands [s]."""
+    SLIPS, TURNS, SMOOTH, LOST = 0.06, 0.4, 0.01, 1.0
+    """Velocity and angular velocity over the ground above which a foot that bears load does not stand, as it slides,
+    rolls onto its sole or pivots [m/s, rad/s], smoothed over [s]; longest time without a foot that stands [s]."""
+
+    AGREE = 0.03
+    """Time constant with which the places of standing feet follow what these say together [s]."""
 
     def __init__(
         self,
@@ -56,7 +61,7 @@ class FeetEstimator:
         *,
         least_load: float = 30.0,
         tilt: float = 0.1,
-        yaw: float = 0.5,
+        yaw: float = 2.0,
         velocity: float = 0.2,
         bias: float = 1.0,
         position: float = 0.02,
@@ -71,14 +76,14 @@ class FeetEstimator:
         from hqp import _session  # a package without compiled parts imports this room
 
         self._robot = robot.copy()
-        constants |= {"landed": self.LANDED, "faint": self.FAINT, "slips": self.SLIPS}
-        constants |= {"smooth": self.SMOOTH, "lost": self.LOST, "least_load": least_load}
+        constants |= {"landed": self.LANDED, "faint": self.FAINT, "slips": self.SLIPS, "turns": self.TURNS}
+        constants |= {"smooth": self.SMOOTH, "lost": self.LOST, "agree": self.AGREE, "least_load": least_load}
         tree = {**feet_tree(self._robot, feet), **constants, "gravity": robot.gravity.tolist()}
         self._native = _session.FeetEstimator(tree, _numbers(q))
 
     @property
     def slipping(self) -> tuple[bool, ...]:
-        """Flags of the feet that bear load and slip."""
+        """Flags of the feet that bear load and move along the ground."""
         return tuple(self._native.slipping)
 
     def update(self, q: Vec, v: Vec, specific_force: Vec, load: Vec) -> tuple[Vec, Vec]:

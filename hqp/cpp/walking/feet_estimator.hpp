@@ -73,8 +73,10 @@ class FeetEstimator {
         landed_(p.number("landed")),
         faint_(p.number("faint")),
         slips_(p.number("slips")),
+        turns_(p.number("turns")),
         smooth_(p.number("smooth")),
         lost_(p.number("lost")),
+        agree_(p.number("agree")),
         gravity_(p.vec3("gravity")),
         base_(rotation_of(q + 3)),
         p_(load(q)) {
@@ -86,7 +88,10 @@ class FeetEstimator {
   int nq() const { return kinematics_.nq(); }
   int nv() const { return kinematics_.nv(); }
   std::size_t feet() const { return feet_.size(); }
-  bool slipping(std::size_t foot) const { return feet_[foot].slips; }
+  bool slipping(std::size_t foot) const {
+    const Foot& one = feet_[foot];
+    return one.moves && std::hypot(one.over_ground[0], one.over_ground[1]) > 0.5 * slips_;
+  }
 
   // q, v: joints from encoders, orientation and angular velocity of the base from the IMU; found_q, found_v: with the
   // estimated base.  Measurements that are not finite leave the estimate as it is.
@@ -102,13 +107,14 @@ class FeetEstimator {
       kinematics_.update(found_q, found_v);
       for (std::size_t i = 0; i < feet_.size(); ++i) {
         Foot& foot = feet_[i];
-        foot.place = kinematics_.position(i), foot.rate = kinematics_.velocity(i);
+        foot.place = kinematics_.position(i), foot.rate = kinematics_.velocity(i), foot.spin = kinematics_.turn(i);
         foot.yaw = yaw_of(kinematics_.rotation(i));
       }
       v_ = v_ + dt * (base_ * (load(specific_force) - offset_) + gravity_);
       p_ = p_ + dt * v_;
       stand(loads);
       hold();
+      agree();
       lead_back();
     }
     for (int i = 0; i < 3; ++i) found_q[i] = p_[i];
@@ -119,14 +125,16 @@ class FeetEstimator {
 
  private:
   struct Foot {
-    Vec3 anchor{}, place{}, rate{};  // in the world; from the base; over the base
+    Vec3 anchor{}, place{}, rate{}, spin{};  // in the world; from the base; over the base; angular over the ground
     double anchor_yaw = 0.0, yaw = 0.0, contrary = 0.0, weight = 0.0;
-    Vec2 over_ground{};
-    bool stands = true, slips = false;
+    Vec3 over_ground{}, turning{};
+    bool stands = true, moves = false;
 
+    double turned() const { return wrapped(anchor_yaw - yaw); }
     void land(const Vec3& base) { anchor = base + place, anchor_yaw = yaw; }
   };
 
+  static double length(const Vec3& x) { return std::sqrt(dot(x, x)); }
   static Vec3 row(const Mat3& R, int i) { return {R.column[0][i], R.column[1][i], R.column[2][i]}; }
   static bool finite(const double* x, int n) {
     double sum = 0.0;
@@ -144,39 +152,56 @@ class FeetEstimator {
     }
     share();
   }
-  // Weights without the feet that slip; the fastest is found first, one in an update: it pulls at the others.
+  // Weights without the feet that move over the ground; the fastest is found first, one in an update: it pulls at the
+  // others.
   void hold() {
     const double follow = std::min(period_ / smooth_, 1.0);
-    double fastest = slips_;
+    double fastest = 1.0;
     Foot* found = nullptr;
     bool bears = false, stands = false;
     for (Foot& foot : feet_) {
       if (!(foot.weight > 0.0)) {
-        foot.over_ground = {}, foot.slips = false;
+        foot.over_ground = foot.turning = {}, foot.moves = false;
         continue;
       }
-      const Vec2 seen{v_[0] + foot.rate[0], v_[1] + foot.rate[1]};
-      foot.over_ground = foot.over_ground + follow * (seen - foot.over_ground);
-      const double speed = std::hypot(foot.over_ground.x, foot.over_ground.y);
-      if (foot.slips && speed < 0.5 * slips_) foot.slips = false, foot.land(p_);
-      if (!foot.slips && speed > fastest) fastest = speed, found = &foot;
+      foot.over_ground = foot.over_ground + follow * (v_ + foot.rate - foot.over_ground);
+      foot.turning = foot.turning + follow * (foot.spin - foot.turning);
+      const double speed = std::max(length(foot.over_ground) / slips_, length(foot.turning) / turns_);
+      if (foot.moves && speed < 0.5) foot.moves = false, foot.land(p_);
+      if (!foot.moves && speed > fastest) fastest = speed, found = &foot;
       bears = true;
     }
-    if (found) found->slips = true;
-    for (const Foot& foot : feet_) stands = stands || (foot.weight > 0.0 && !foot.slips);
+    if (found) found->moves = true;
+    for (const Foot& foot : feet_) stands = stands || (foot.weight > 0.0 && !foot.moves);
     alone_ = stands ? 0.0 : alone_ + (bears ? period_ : 0.0);
     if (alone_ >= lost_) return believe();
     for (Foot& foot : feet_)
-      if (foot.slips) foot.weight = 0.0;
+      if (foot.moves) foot.weight = 0.0;
     share();
   }
   // Let all feet stand where they are: the accelerometer is off by the velocity that it gained alone.
   void believe() {
-    for (Foot& foot : feet_) foot.slips = false, foot.over_ground = {}, foot.land(p_);
+    for (Foot& foot : feet_) foot.moves = false, foot.over_ground = foot.turning = {}, foot.land(p_);
     const Vec3 missed = -1.0 * rate() - v_;
     v_ = v_ + missed;
     offset_ = offset_ - (1.0 / alone_) * transposed(base_, missed);
     alone_ = 0.0;
+  }
+  // Lead the anchors to what they say together.  Their weighted mean stays, so that the base moves for a foot that
+  // settles by no more than the share of the load that it has then.
+  void agree() {
+    double turn = 0.0;
+    Vec3 place{};
+    for (const Foot& foot : feet_) {
+      turn += foot.weight * foot.turned();
+      place = place + foot.weight * (foot.anchor - foot.place);
+    }
+    const double follow = std::min(period_ / agree_, 1.0);
+    for (Foot& foot : feet_) {
+      if (!(foot.weight > 0.0)) continue;
+      foot.anchor = foot.anchor + follow * (place - (foot.anchor - foot.place));
+      foot.anchor_yaw += follow * (turn - foot.turned());
+    }
   }
   Vec3 rate() const {  // mean velocity of the feet over the base
     Vec3 found{};
@@ -188,7 +213,7 @@ class FeetEstimator {
     Vec3 place{};
     for (const Foot& foot : feet_) {
       all += foot.weight;
-      turn += foot.weight * wrapped(foot.anchor_yaw - foot.yaw);
+      turn += foot.weight * foot.turned();
       place = place + foot.weight * (foot.anchor - foot.place);
     }
     if (!(all > 0.0)) return;
@@ -208,7 +233,8 @@ class FeetEstimator {
   FeetKinematics kinematics_;
   std::vector<Foot> feet_;
   std::vector<double> still_;
-  double period_, least_load_, tilt_, yaw_, velocity_, bias_, position_, landed_, faint_, slips_, smooth_, lost_;
+  double period_, least_load_, tilt_, yaw_, velocity_, bias_, position_, landed_, faint_, slips_, turns_, smooth_,
+      lost_, agree_;
   Vec3 gravity_;
   double alone_ = 0.0;  // time without a foot that stands [s]
   Mat3 base_;

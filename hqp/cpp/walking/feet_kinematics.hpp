@@ -37,6 +37,7 @@ class FeetKinematics {
   Vec3 position(std::size_t foot) const { return load(feet_[foot].position); }
   Mat3 rotation(std::size_t foot) const { return load_rotation(feet_[foot].rotation); }
   Vec3 velocity(std::size_t foot) const { return tree_.motion(feet_[foot].body).at(position(foot)); }
+  Vec3 turn(std::size_t foot) const { return tree_.motion(feet_[foot].body).angular; }
   Vec3 com() const { return 1.0 / tree_.mass(0) * tree_.moment(0); }
   Vec3 com_velocity() const {
     Vec3 momentum{};
