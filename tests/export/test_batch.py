@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hqp
+import hqp.tasks as t
 from hqp import Status
 from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
@@ -110,6 +111,34 @@ def test_a_fault_is_that_of_its_world() -> None:
     Q[2, 0] = session.robot.home[0]
     batch.reset([2])
     assert batch.step(Q).solved.all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ["ur5", "kinova"])
+def test_a_world_at_rest_bears_the_loads_of_its_session(name: str, seed: int) -> None:
+    """Drawn loads of joints and of a hand, other ones in each world; a state is invalid, then a stop."""
+    robot, rng = hqp.robots.load(name), np.random.default_rng(seed)
+    hand = robot.joint_names[-1]
+    loads = t.JointLoad(name="joints"), t.ExternalWrench(frame=hand, name="push"), t.Payload(frame=hand, name="held")
+    stack = hqp.Stack(hqp.Level(t.Posture(law=hqp.PD(100.0, 20.0))), subject_to=[t.TorqueLimits(), *loads])
+    controller = hqp.Controller(stack, hqp.Torque(holding=None), deadline=np.inf)
+    alone = [controller.session(hqp.robots.load(name), 0.002) for _ in range(2)]
+    batch = hqp.Batch(controller, robot, 2, 0.002, threads=1)
+    for i in range(8):
+        if i == 5:
+            batch.stop([0])
+            alone[0].stop()
+        Q = np.array([robot.random_configuration(rng, 0.3) for _ in alone])
+        V, given = rng.normal(size=(2, robot.nv)), rng.uniform(0.5, 2.0, (2, robot.nv + 10))
+        if i == 3:
+            Q[1, 0] = np.nan
+        parts = {"joints": given[:, : robot.nv], "push": given[:, robot.nv : -4], "held": given[:, -4:]}
+        found = batch.step(Q, V, parts)
+        for k, session in enumerate(alone):
+            references = [hqp.Reference(part, numbers[k]) for part, numbers in parts.items()]
+            own = session.step(session.robot.state(Q[k], V[k]), *references)
+            assert own.status is found.statuses()[k]
+            np.testing.assert_array_equal(own.x, found.x[k])
 
 
 def test_worlds_are_small() -> None:

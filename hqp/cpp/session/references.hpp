@@ -161,14 +161,17 @@ class References {
         take(given_[std::size_t(member.slot)], named[std::size_t(&member - line_.members().data())]);
   }
 
-  // Carry hold values over to the next tick of this world.
+  // Carry hold values over to the next tick of this world, and the latest values: a robot that comes to rest bears the
+  // loads of its last rows.
   void keep(CarryOver& state) {
     state.take(holds_known_);
     for (std::size_t k = 0; k < given_.size(); ++k) {
       Slot& slot = line_.slots()[k];
       state.take(given_[k].held);
       state.take(slot.hold.data(), slot.hold.size());
-      if (!state.writes()) slot.settle();
+      if (slot.target) state.take(slot.target, slot.hold.size());
+      if (slot.normal) state.take(slot.normal, 3);
+      if (!state.writes()) slot.moved = true;
       if (!shared_) continue;
       state.take(given_[k].last), state.take(given_[k].kept);
       for (std::vector<double>& numbers : given_[k].numbers) state.take(numbers.data(), numbers.size());
