@@ -88,15 +88,17 @@ paper:
 	mkdir -p build
 	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
-# Sessions in C++: recorded loops give equal bits, without an allocation; G1 stands in MuJoCo's C library in real
+# Sessions and filters in C++: recorded loops give equal bits, without an allocation; G1 stands in MuJoCo's C library in real
 # time and walks with Python's bits; the kernel alone agrees to 1e-12; a program and the ros2_control controller move an arm as Python does.
 REPLAYED := build/replay
 SHIFT := 0.05 0 0.1
 test-cpp: setup
 	$(BIN)/python -m tests.export.native.record --ticks 1000 --folder $(REPLAYED)
 	cmake -S tests/export/native -B build/session -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > $(REPLAYED)/configure.log
-	cmake --build build/session --target replay --target ros_controller
+	cmake --build build/session --target replay --target filter --target ros_controller
 	build/session/replay 0 $(REPLAYED)/*.hqp
+	$(BIN)/python -m tests.export.native.record_filter build/filters
+	build/session/filter build/filters/*.hqp
 	mkdir -p build/cpp
 	$(BIN)/python -m tests.environments.plan build/cpp/ur5.hqp $(SHIFT)
 	build/session/ros_controller build/cpp/ur5.hqp hand $(SHIFT) | diff - build/cpp/ur5.txt

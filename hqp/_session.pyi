@@ -4,7 +4,7 @@ import builtins
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
-from numpy import int32
+from numpy import int32, uint8
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
@@ -480,6 +480,49 @@ class FeetEstimator:
     def __init__(self, tree: object, q: Vec) -> None: ...
     def update(self, q: Vec, v: Vec, specific_force: Vec, loads: Vec, found_q: Vec, found_v: Vec) -> None:
         """Write the state with the estimated base."""
+
+class Filter:
+    """Filter behind a policy, see ``policies.PolicyFilter``.
+
+    free: torques or velocities by the command ``(n,)``.  lacking: torques that the model lacks ``(k,)``.  middle:
+    configuration at which the stack has its rows ``(nq,)``.  limited: 1 for joints whose command is changed ``(n,)``.
+    """
+
+    free: Vec
+    lacking: Vec
+    middle: Vec
+    limited: NDArray[uint8]
+
+    def __init__(self, tree: Mapping[str, Any]) -> None: ...
+    def begin(self, command: Vec, q: Vec, v: Vec) -> None:
+        """Take a command for a measured state."""
+
+    def end(self, x: Vec, solved: bool, command: Vec) -> bool:
+        """Write the command for the stack's answer x; return true if a joint is limited."""
+
+    def reset(self) -> None:
+        """Discard earlier commands and estimates."""
+
+class Filters:
+    """Filters from the bytes of a file over threads, see ``policies.PolicyFilters``."""
+
+    sizes: tuple[int, int, int]
+    state: tuple[int, int]
+    threads: int
+    counters: tuple[int, int, int, int, int, int, float, float]
+
+    def __init__(self, file: builtins.bytes, count: int, threads: int, key: builtins.bytes) -> None: ...
+    def step(self, q: Mat, v: Mat, policy: Mat, commands: Mat, status: NDArray[int32], residuals: Mat, x: Mat) -> None:
+        """Run a tick of all worlds, without the interpreter lock."""
+
+    def stop(self, world: int, reason: str) -> None:
+        """Come to rest and hold until ``resume``."""
+
+    def resume(self, world: int) -> None:
+        """End a stop."""
+
+    def reset(self, world: int) -> None:
+        """Return to the initial state."""
 
 class Walkers:
     """Walkers from the bytes of a file over threads, see ``walking.Walkers``."""

@@ -181,6 +181,11 @@ class Robot(Protocol):
         ...
 
     @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        ...
+
+    @property
     def rotors(self) -> Vec:
         """Reflected rotor inertia of each tangent coordinate ``(nv,)`` [kg m^2, kg], on the diagonal of A."""
         ...

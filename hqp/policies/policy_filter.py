@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Mask, Vec
+from hqp import _session
+from hqp.arrays import Vec
 from hqp.declare.element import Element
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
-from hqp.errors import DeclarationError
-from hqp.estimation.rotations import exponential
+from hqp.errors import DeclarationError, ModelError
 from hqp.loop.controller import Controller
+from hqp.loop.file import write
 from hqp.loop.session import Session, Tick
 from hqp.policies.braking import APPROACH, default_limits
-from hqp.policies.servo import Gains, Servos, within
+from hqp.policies.servo import Gains, Servos
 from hqp.programs.formulation import Velocity
 from hqp.tasks import (
     CollisionAvoidance,
@@ -36,14 +37,13 @@ from hqp.torque.holding import within_holding
 
 Command = Literal["positions", "velocities", "torques"]
 
-Measured = State | Sequence[State]
-"""State of one robot, or of each of several."""
+KINDS: tuple[Command, ...] = get_args(Command)
 
 LARGEST = 1e6
 """Largest command that is a number, at a joint without a limit [rad, rad/s, N m]."""
 
-IMPACT, GRAVITY = 10.0, 9.81
-"""Largest force on a free base in weights, moment by an arm of 1 m; gravity [m/s^2]."""
+IMPACT = 100.0
+"""Largest force on a free base for its mass, moment by an arm of 1 m [m/s^2]."""
 
 UNLIMITED = 1e3
 """Largest torque that the model may lack at a joint without an effort limit, or with a larger one [N m]."""
@@ -143,6 +143,34 @@ class PolicyFilter:
         kp, kd = (self.kp, self.kd) if self.command == "positions" else (None, None)
         return Servos.of("PolicyFilter", robot, robot.actuated, kp, kd, dt)
 
+    def tree(self, robot: Robot, dt: float) -> dict[str, Any]:
+        """Parts of the native filter, over the arrays of this robot.
+
+        Raises DeclarationError for a robot with a joint that native kinematics lack.
+        """
+        if robot.tree_joints is None:
+            raise DeclarationError(
+                "PolicyFilter", f"{robot.name} has a screw joint", allowed="joints of native kinematics"
+            )
+        servos, own, forces = self.servos(robot, dt), robot.actuated, self.command != "velocities"
+        columns, stiffening = self.lacking(robot, dt).inertias(robot)
+        top = servos.effort if forces else robot.velocity_limit[own]
+        limited = forces & np.isfinite(servos.effort)  # commands of any size, whose torque is limited
+        wrench = np.full(columns.size - own.size, IMPACT * robot.mass)
+        return {
+            "kind": KINDS.index(self.command), "dt": dt, "kept": KEPT, "columns": columns.tolist(),
+            "kp": servos.kp.tolist(), "kd": servos.kd.tolist(), "effort": servos.effort.tolist(),
+            "largest": np.where(limited, math.inf, LARGEST).tolist(),
+            "rounding": (ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))).tolist(),
+            "stiffening": stiffening.tolist(),
+            "most": np.append(wrench, np.minimum(servos.effort, UNLIMITED)).tolist(),
+            "model": {
+                "nq": robot.nq, "nv": robot.nv, "joints": robot.tree_joints, "bodies": robot.bodies,
+                "twists": robot.joint_twists, "inertias": robot.inertias, "rotors": robot.rotors.tolist(),
+                "gravity": robot.gravity.tolist(),
+            },
+        }  # fmt: skip
+
     def session(
         self, robot: Robot, dt: float, *, deadline: float | None = None, max_age: float | None = None
     ) -> PolicyFilterSession:
@@ -152,168 +180,6 @@ class PolicyFilter:
         """
         session = self.controller(robot, dt, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
         return PolicyFilterSession(self, session)
-
-
-def known(numbers: Vec) -> Vec:
-    """The numbers, zero for those that are not finite."""
-    return np.where(np.isfinite(numbers), numbers, 0.0)
-
-
-class Prediction:
-    """Commands of one robot ``(n,)``, or of as many ``(count, n)`` as there are states, before and behind the stack."""
-
-    def __init__(self, declared: PolicyFilter, robot: Robot, dt: float) -> None:
-        self._kind, self._dt = declared.command, dt
-        self.servos, self._own = declared.servos(robot, dt), robot.actuated
-        self._forces = declared.command != "velocities"
-        top = self.servos.effort if self._forces else robot.velocity_limit[self._own]
-        self._rounding = ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))
-        self._limited = self._forces & np.isfinite(self.servos.effort)
-        self._largest = np.where(self._limited, np.minimum(self.servos.effort, LARGEST), LARGEST)
-        self._columns, self._stiffening = declared.lacking(robot, dt).inertias(robot)
-        self._first = self._columns.size - self._own.size  # of the joints, after the wrench on a free base
-        weight = GRAVITY * robot.copy().state(robot.home).mass_matrix()[0, 0]
-        self._most = np.append(np.full(self._first, IMPACT * weight), np.minimum(self.servos.effort, UNLIMITED))
-        self._share: Vec | float = 1.0 / self.servos.kp if self._kind == "positions" else 1.0
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard earlier commands and estimates."""
-        self._last: Vec | None = None
-        self._before: tuple[Measured, Vec] | None = None
-        self._rate: Vec | float = 0.0
-        self.lacking: Vec = np.zeros(self._columns.size)
-        """d, the torques that the model lacks, after the wrench on a free base [N m, N]."""
-
-    def begin(self, command: ArrayLike, state: Measured) -> tuple[Vec, Vec, Vec]:
-        """(command within the effort limits, torque or velocity by it, load of the joints).
-
-        Replace invalid numbers (NaN, infinite, beyond 1e6 without a limit) by the last ones sent; in the first tick, by
-        ones that hold the joint.
-        """
-        servos, (angles, speeds) = self.servos, self._joints(state)
-        given = np.asarray(command, dtype=np.float64)
-        if given.shape != angles.shape:
-            raise DeclarationError("policy", "shape of the command", value=given.shape, allowed=str(angles.shape))
-        measured = np.isfinite(angles) & np.isfinite(speeds)
-        self._measured: Mask | Literal[True] = True if measured.all() else measured
-        if self._measured is not True:
-            angles, speeds = known(angles), known(speeds)
-        if self._last is None:
-            self._place, self.lacking = angles, np.zeros((*angles.shape[:-1], self._columns.size))
-            self._last = angles if self._kind == "positions" else np.zeros(angles.shape)
-            self._held = self.lacking
-        valid = np.abs(given) <= self._largest  # not if NaN
-        if not valid.all():
-            given = np.where(valid | (np.isfinite(given) & self._limited), given, self._last)
-        self._now = state, angles, speeds
-        if self._kind == "velocities":
-            return given, given, self.lacking
-        self._estimate(state)
-        if self._kind == "torques":
-            given = within(given, -servos.effort, servos.effort)
-            return given, given, self.lacking
-        given = servos.within_effort(given, angles, speeds)
-        return given, servos.torque(given, angles + self._dt * speeds, speeds), self.lacking
-
-    def middle(self, state: Measured) -> Vec:
-        """Configurations ``(nq,)``, ``(count, nq)`` in the middle of the period, at which the stack computes its rows.
-
-        For velocities, and for an invalid state, the measured one.
-        """
-        if isinstance(state, Sequence):
-            return np.array([self.middle(one) for one in state])
-        if not self._forces or not state.valid:
-            return state.q
-        return state.robot.integrate(state.q, state.v, 0.5 * self._dt)
-
-    def end(self, command: Vec, free: Vec, x: Vec, solved: bool | Mask = True) -> tuple[Vec, Mask]:
-        """(command, joints that it limits), for the torque or velocity x in place of ``free``, after ``begin``.
-
-        Without a solved answer x brings the joints to rest; servos aim at their place in the last solved tick.
-        """
-        (state, angles, speeds), servos, measured = self._now, self.servos, self._measured
-        change = x - free
-        changed = np.abs(change) > self._rounding
-        sent = command + np.where(changed, change, 0.0) * self._share
-        good: Mask = np.asarray(solved, dtype=bool)[..., None]
-        if not good.all():
-            changed = changed | ~good
-            rest = x
-            if self._kind == "torques":  # x holds the joints with an older d
-                rest = x + (self._held - self.lacking)[..., self._first :]
-            elif self._kind == "positions":
-                rest = self._place + x / servos.kp
-            sent = np.where(good, sent, rest)
-        if measured is True and solved is True:
-            self._place, self._held = angles, self.lacking
-        else:
-            self._place = np.where(good & measured, angles, self._place)
-            self._held = np.where(good, self.lacking, self._held)
-        if self._kind == "torques":
-            sent = within(sent, -servos.effort, servos.effort)
-        elif self._forces:
-            at = angles if measured is True else np.where(measured, angles, self._place)
-            sent = servos.within_effort(sent, at, speeds)
-        assert self._last is not None
-        finite = np.isfinite(sent)
-        self._last = sent if finite.all() else np.where(finite, sent, self._last)
-        if self._forces:
-            tau = (
-                self._last if self._kind == "torques" else servos.torque(self._last, angles + self._dt * speeds, speeds)
-            )
-            self._before = state, tau
-        return self._last.copy(), changed
-
-    def _joints(self, state: Measured) -> tuple[Vec, Vec]:
-        """Positions and speeds of the actuated joints."""
-        if isinstance(state, Sequence):
-            both = [self._joints(one) for one in state]
-            return np.array([angles for angles, _ in both]), np.array([speeds for _, speeds in both])
-        return state.angles[self._own], state.v[self._own]
-
-    def _estimate(self, state: Measured) -> None:
-        """Estimate d and its change in a tick from the motion of the last period, without lag behind a ramp.
-
-        The acceleration of a held base is part of it.
-        """
-        if self._before is None:
-            return
-        before, tau = self._before
-        found = self._torques(before, state)
-        found[..., self._first :] -= tau
-        if not np.isfinite(found).all():
-            found = np.where(np.isfinite(found), found, self.lacking)
-        error = within(found, -self._most, self._most) - self.lacking
-        both = np.empty((*error.shape[:-1], 2, error.shape[-1]))
-        rate, lacking = both[..., 0, :], both[..., 1, :]
-        rate[:] = self._rate + (1.0 - KEPT) ** 2 * error
-        lacking[:] = within(self.lacking + (1.0 - KEPT**2) * error + rate, -self._most, self._most)
-        if self._first:
-            self._carry(state, both)
-        self._rate, self.lacking = rate, lacking
-
-    def _torques(self, before: Measured, state: Measured) -> Vec:
-        """Torques of the model between two states, in the middle of the period."""
-        if isinstance(before, Sequence):
-            assert isinstance(state, Sequence)
-            return np.array([self._torques(one, other) for one, other in zip(before, state, strict=True)])
-        assert not isinstance(state, Sequence)
-        every, v = np.zeros(state.v.size), 0.5 * (before.v + state.v)
-        a = (state.v[self._columns] - before.v[self._columns]) * (1.0 / self._dt)
-        every[self._columns] = a
-        q = state.robot.integrate(before.q, v, 0.5 * self._dt)
-        return state.robot.inverse_dynamics(q, v, every)[self._columns] + self._stiffening * a
-
-    def _carry(self, state: Measured, torques: Vec) -> None:
-        """Carry torques ``(2, k)`` on by a period: the wrench on a free base keeps its direction in the world."""
-        if isinstance(state, Sequence):
-            for one, own in zip(state, torques, strict=True):
-                self._carry(one, own)
-            return
-        turn = self._dt * state.v[3:6]
-        if turn @ turn < math.inf:  # not if NaN
-            torques[:, :6] = (torques[:, :6].reshape(4, 3) @ exponential(turn)).reshape(2, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,44 +201,68 @@ class PolicyFilterSession:
 
     def __init__(self, declared: PolicyFilter, session: Session) -> None:
         self.declared, self.session, self.robot = declared, session, session.robot
-        self._prediction = Prediction(declared, self.robot, session.dt)
-        self._own = self.robot.actuated
-        self._still = np.zeros(self._own.size)
+        self._twin = session.robot.copy()  # native kinematics write its arrays
+        self._native = _session.Filter(declared.tree(self._twin, session.dt))
+        self._forces = declared.command != "velocities"
+        self._still = np.zeros(self.robot.actuated.size)
 
     def tick(self, q: Vec, v: Vec, command: ArrayLike) -> FilteredTick:
         """One tick: measured q ``(nq,)`` and v ``(nv,)``, the policy's command ``(n,)``.  Data never raises.
 
-        Raises DeclarationError for shapes.
+        Raises ModelError, DeclarationError for shapes.
         """
-        return self.step(self.robot.state(q, v), command)
+        return self._stepped(q, v, None, command, None)
 
     def step(self, state: State, command: ArrayLike, *, now: float | None = None) -> FilteredTick:
         """One tick of a state, which carries its time if there is a ``max_age``; see ``tick``, ``Session.step``."""
-        requested = np.array(command, dtype=np.float64)
-        taken, free, load = self._prediction.begin(requested, state)
-        if self.declared.command == "velocities":
-            tick = self.session.step(state, Reference("policy", self._still, free), now=now)
-            x = tick.x[self._own]
+        if state.robot is not self.robot:
+            raise ModelError(f"the state belongs to {state.robot!r}, the filter runs on {self.robot!r}")
+        return self._stepped(state.q, state.v, state.time, command, now)
+
+    def _stepped(self, q: Vec, v: Vec, time: float | None, command: ArrayLike, now: float | None) -> FilteredTick:
+        native, requested = self._native, np.array(command, dtype=np.float64)
+        try:
+            native.begin(requested, q, v)
+        except (TypeError, ValueError):
+            given = self.robot.state(q, v)  # raises for shapes
+            if requested.shape != self._still.shape:
+                raise DeclarationError(
+                    "policy", "shape of the command", value=requested.shape, allowed=str(self._still.shape)
+                ) from None
+            q, v = given.q, given.v
+            native.begin(requested, q, v)
+        state, free = self.robot.state(native.middle, v, time), native.free.copy()
+        if self._forces:
+            lacking = Reference("lacking", native.lacking.copy())
+            tick = self.session.step(state, Reference("policy", free), lacking, now=now)
         else:
-            state = self.robot.state(self._prediction.middle(state), state.v, state.time)
-            tick = self.session.step(state, Reference("policy", free), Reference("lacking", load), now=now)
-            x = tick.command
-        sent, changed = self._prediction.end(taken, free, x, tick.status.solved)
-        changed |= taken != requested
+            tick = self.session.step(state, Reference("policy", self._still, free), now=now)
+        sent = np.empty(self._still.size)
         limited: dict[str, float] = {}
-        if changed.any():
-            names = self.robot.joint_names
-            limited = {names[i]: float(sent[i] - requested[i]) for i in changed.nonzero()[0].tolist()}
+        if native.end(tick.command, tick.status.solved, sent):
+            names, change = self.robot.joint_names, (sent - requested).tolist()
+            limited = {names[i]: change[i] for i in native.limited.nonzero()[0].tolist()}
         return FilteredTick(sent, requested, limited, tick)
 
     @property
     def lacking(self) -> Vec:
         """Estimate of the torques that the model lacks, after the wrench on a free base ``(k,)`` [N m, N]."""
-        return self._prediction.lacking.copy()
+        return self._native.lacking.copy()
 
     def reset(self) -> None:
         """Discard earlier commands and estimates, but not the state of the stack's session."""
-        self._prediction.reset()
+        self._native.reset()
+
+    def export(self, path: str | Path, *, key: bytes | None = None) -> None:
+        """Write filter and stack to a file: for C++ without Python (``FilterSession``) and for ``PolicyFilters.load``.
+
+        key: see ``Session.export``, with its errors.
+        """
+        write(self.session, path, key=key, more=self.parts())
+
+    def parts(self) -> dict[str, Any]:
+        """Parts of a file besides the stack."""
+        return {"filter": self.declared.tree(self.robot.copy(), self.session.dt)}
 
 
-__all__ = ["FilteredTick", "PolicyFilter", "PolicyFilterSession", "Prediction"]
+__all__ = ["FilteredTick", "PolicyFilter", "PolicyFilterSession"]

@@ -22,7 +22,7 @@ CLASS = re.compile(r"`([A-Z][a-z]+(?:[A-Z]\w*)?)[(`]")
 MEMBER = re.compile(r"`(robot|session|state|stack|tick)\.(\w+)")
 PUBLIC = (
     "hqp", "hqp.tasks", "hqp.robots", "hqp.errors", "hqp.estimation", "hqp.recorder", "hqp.sweep", "hqp.declare.plans",
-    "hqp.motion", "hqp.walking", "hqp.teleoperation",
+    "hqp.motion", "hqp.policies", "hqp.walking", "hqp.teleoperation",
 )  # fmt: skip
 OTHERS = {  # classes of pink, mink, placo, tsid and roboplan, of the kernel's C++, values of Python
     "ComTask", "ConfigurationLimit", "DynamicsSolver", "False", "FrameTask", "MinkTask", "None", "Operation",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,8 @@ import hqp
 import hqp.tasks as t
 from hqp import PolicyFilter
 from hqp.errors import DeclarationError
-from hqp.export.loaded import LoadedSession
-from hqp.loop.file import text
-from hqp.policies import Prediction
+from hqp.policies import PolicyFilters
+from hqp.policies.policy_filter import IMPACT, KEPT, UNLIMITED
 from hqp.robots import Robot
 from hqp.tasks.limits import home_inertia
 from tests.loop.test_begin import Physics, holding, standing
@@ -193,34 +193,76 @@ def test_the_tick_says_who_was_limited_and_by_how_much() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_and_a_batch_send_the_same_bits(kind: str) -> None:
-    robot, rng, count = load("g1"), np.random.default_rng(2), 3
-    own = declared(kind, robot)
-    session = own.session(robot, DT, deadline=math.inf)
-    file = LoadedSession(text(session.session))
-    batch = hqp.Batch(own.controller(robot, DT, deadline=math.inf), load("g1"), count, DT, threads=1)
-    one, many = Prediction(own, robot, DT), Prediction(own, robot, DT)
-    plant, joints = Plant(robot, kind, session), robot.actuated
-    for i in range(60):
-        command = hostile(rng, kind, robot, 3 * i)
-        state = robot.past(plant.q, plant.v)
-        live = session.tick(plant.q, plant.v, command)
-        taken, free, lacking = one.begin(command, state)
-        given: dict[str, Any] = {"policy": (np.zeros(free.size), free)}
-        if kind != "velocities":
-            given = {"policy": free, "lacking": lacking}
-        found = file.step(one.middle(state), plant.v, given)
-        x = found.x[joints] if kind == "velocities" else found.x
-        np.testing.assert_array_equal(one.end(taken, free, x, True)[0], live.command)
-        takens, frees, lackings = many.begin(np.tile(command, (count, 1)), [state] * count)
-        given = {"policy": (np.zeros_like(frees), frees)}
-        if kind != "velocities":
-            given = {"policy": frees, "lacking": lackings}
-        ticks = batch.step(many.middle([state] * count), np.tile(plant.v, (count, 1)), given)
-        X = ticks.x[:, joints] if kind == "velocities" else ticks.x
-        sent, _ = many.end(takens, frees, X, np.full(count, True))
-        np.testing.assert_array_equal(sent, np.tile(live.command, (count, 1)))
-        plant.move(live.command)
+@pytest.mark.parametrize("name", ["g1", "anymal", "ur5"])
+def test_a_file_and_a_batch_send_the_same_bits(name: str, kind: str, tmp_path: Path) -> None:
+    """Worlds in several orders, one of them stopped and begun anew; states and commands are hostile."""
+    robot, rng, count = load(name), np.random.default_rng(2), 3
+    own = declared(kind, robot, apart=True)
+    sessions = [own.session(load(name), DT, deadline=math.inf) for _ in range(count)]
+    sessions[0].export(tmp_path / "filter.hqp")
+    batch = PolicyFilters.load(tmp_path / "filter.hqp", count, threads=2)
+    plants = [Plant(robot, kind, session) for session in sessions]
+    for i in range(90):
+        if i == 40:
+            batch.stop([1], "door")
+            sessions[1].session.stop("door")
+        if i == 60:
+            batch.resume([1])
+            sessions[1].session.resume()
+        commands = np.array([hostile(rng, kind, robot, 3 * i + k) for k in range(count)])
+        Q, V = np.array([plant.q for plant in plants]), np.array([plant.v for plant in plants])
+        if i % 20 == 7:
+            Q[2, 0], V[2, -1] = math.nan, math.inf
+        ticks = [s.tick(q, v, c) for s, q, v, c in zip(sessions, Q, V, commands, strict=True)]
+        found = batch.step(Q, V, commands)
+        np.testing.assert_array_equal(found.commands, [tick.command for tick in ticks])
+        assert found.statuses() == tuple(tick.tick.status for tick in ticks)
+        for plant, tick in zip(plants, ticks, strict=True):
+            plant.move(tick.command)
+    assert batch.counters.ticks == 90 * count
+
+
+def test_a_world_that_is_reset_begins_anew() -> None:
+    robot = load("g1")
+    batch = PolicyFilters(declared("torques", robot).session(robot, DT, deadline=math.inf), 2)
+    rng, Q = np.random.default_rng(4), np.tile(robot.home, (2, 1))
+    given = [(0.3 * rng.normal(size=(2, robot.nv)), 30.0 * rng.normal(size=(2, robot.actuated.size))) for _ in range(5)]
+    first = [batch.step(Q, v, command).commands for v, command in given]
+    batch.reset([1])
+    again = [batch.step(Q, v, command).commands for v, command in given]
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one[1], other[1])
+    assert any((one[0] != other[0]).any() for one, other in zip(first, again, strict=True))
+    for bad in ((Q[:1], given[0][0], given[0][1]), (Q, given[0][0][:, 1:], given[0][1]), (Q, Q, Q)):
+        with pytest.raises(DeclarationError, match="wrong shape"):
+            batch.step(*bad)
+    with pytest.raises(DeclarationError, match="worlds"):
+        batch.reset([2])
+
+
+@pytest.mark.parametrize("name", ["g1", "anymal", "kinova", "talos"])
+def test_the_estimate_is_the_inverse_dynamics_of_pinocchio(name: str) -> None:
+    """Its first step from zero, over drawn periods: the torques that the motion needs beside the command."""
+    robot, rng = hqp.robots.load(name, rotors=name == "talos"), np.random.default_rng(0)
+    data, first = robot.model.createData(), 6 * robot.floating
+    for _ in range(5):
+        session = declared("torques", robot).session(robot, DT, deadline=math.inf)
+        q, v = robot.random_configuration(rng), 0.3 * rng.normal(size=robot.nv)
+        end, later = robot.integrate(q, v, DT), v + 1e-3 * rng.normal(size=robot.nv)
+        sent = session.tick(q, v, np.zeros(robot.actuated.size)).command
+        session.tick(end, later, sent)
+        mean, change = 0.5 * (v + later), np.zeros(robot.nv)
+        moved = np.r_[:first, robot.actuated]
+        change[moved] = ((later - v) / DT)[moved]
+        forces = pin.rnea(robot.model, data, robot.integrate(q, mean, 0.5 * DT), mean, change)
+        forces[robot.actuated] -= sent
+        for k in range(0, first, 3):  # carried on by the turn of a period
+            forces[k : k + 3] = pin.exp3(DT * later[3:6]).T @ forces[k : k + 3]
+        most = np.append(np.full(first, IMPACT * robot.mass), np.minimum(robot.effort_limit[robot.actuated], UNLIMITED))
+        inside = np.abs(forces[moved]) < most
+        assert inside.mean() > 0.7
+        step = (1.0 - KEPT**2) + (1.0 - KEPT) ** 2
+        np.testing.assert_allclose(session.lacking[inside], step * forces[moved][inside], rtol=1e-9, atol=1e-7)
 
 
 def test_declared() -> None:

@@ -56,10 +56,19 @@ class Composite {
   const Vec3& origin() const { return origin_; }
   const Motion& twist(int column) const { return twists_[column]; }     // twist of a tangent coordinate
   const Inertia& operator[](int body) const { return carried_[body]; }  // inertia of the body's subtree
-  const Form& momentum_rate(int body) const { return forces_[body]; }   // theirs, at zero acceleration
+  const Form& momentum_rate(int body) const { return forces_[body]; }   // theirs, by the drifts of the tree
   Form weight(int body, const Vec3& g) const {
     const Inertia& all = carried_[body];
     return {all.mass * g, cross(all.moment, g)};
+  }
+
+  // Generalised forces (nv) of the rates of momenta less those of gravity: b + g, or A a + b + g without rotors.
+  void write_forces(const Vec3& gravity, double* out) const {
+    const auto& bodies = tree_.bodies();
+    for (int b = 1; b < static_cast<int>(bodies.size()); ++b) {
+      const Form force = forces_[b] + -1.0 * weight(b, gravity);
+      for (int c = bodies[b].first; c < bodies[b].first + bodies[b].count; ++c) out[c] = value(force, twists_[c]);
+    }
   }
 
   // The joint-space inertia A (nv, nv), its upper triangle, column-major: entries of coordinates that carry one

@@ -27,11 +27,7 @@ class EquationOfMotion {
     const auto& bodies = tree.bodies();
     bodies_.gather(bodies.size() > 1 ? load(bodies[1].position) : Vec3{}, true, false);
     bodies_.write_inertia(rotors_.data(), A_);
-    for (int b = 1; b < static_cast<int>(bodies.size()); ++b) {
-      const Form force = bodies_.momentum_rate(b) + -1.0 * bodies_.weight(b, gravity_);
-      for (int c = bodies[b].first; c < bodies[b].first + bodies[b].count; ++c)
-        bias_[c] = value(force, bodies_.twist(c));
-    }
+    bodies_.write_forces(gravity_, bias_);
   }
 
   // g (nv) alone, after run().

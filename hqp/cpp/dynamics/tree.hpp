@@ -52,7 +52,8 @@ class Tree {
   void carry(Carried load) { carried_.push_back(load); }
 
   // Parents come before their children. A joint's own twists turn with its body: dJ_i/dt = V_i x J_i.
-  void update(const double* v) {
+  // a: acceleration (nv) that drifts include, null for none.
+  void update(const double* v, const double* a = nullptr) {
     const std::size_t n = bodies_.size();
     for (std::size_t i = 1; moving_ && i < n; ++i) {
       const Body& body = bodies_[i];
@@ -61,6 +62,8 @@ class Tree {
         own = own + Motion{v[c] * load(twist(c)), v[c] * load(twist(c) + 3)};
       motions_[i] = motions_[body.parent] + own;
       drifts_[i] = drifts_[body.parent] + cross(motions_[i], own);
+      for (int c = body.first; a && c < body.first + body.count; ++c)
+        drifts_[i] = drifts_[i] + Motion{a[c] * load(twist(c)), a[c] * load(twist(c) + 3)};
     }
     for (std::size_t i = 1; weighing_ && i < n; ++i) {
       const Body& body = bodies_[i];
@@ -80,7 +83,9 @@ class Tree {
   const std::vector<Carried>& carried() const { return carried_; }
 
   const Motion& motion(int body) const { return motions_[body]; }
-  const Motion& drift(int body) const { return drifts_[body]; }  // rate of the motion at zero acceleration
+  const Motion& drift(int body) const {
+    return drifts_[body];
+  }  // rate of the motion, at zero acceleration unless given
   Vec3 point_drift(int body, const Vec3& p) const {
     return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
   }

@@ -11,6 +11,8 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "../policies/binding.hpp"
+#include "../policies/filters.hpp"
 #include "../walking/binding.hpp"
 #include "../walking/walkers.hpp"
 #include "batch.hpp"
@@ -285,6 +287,55 @@ class WalkingWorlds {
   hqp::Walkers walkers_;
 };
 
+// Worlds with a filter each.
+class FilteredWorlds {
+ public:
+  FilteredWorlds(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
+      : filters_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
+  FilteredWorlds(const FilteredWorlds&) = delete;
+
+  void step(const Table& q, const Table& v, const Table& policy, const OutTable& commands, const Statuses& status,
+            const OutTable& residuals, const OutTable& x) {
+    const auto [motors, variables, levels] = sizes();
+    const auto [nq, nv] = state();
+    const auto fits = [&](const auto& table, std::size_t width) {
+      return table.shape(0) == count() && table.shape(1) == width;
+    };
+    if (!fits(q, std::size_t(nq)) || !fits(v, std::size_t(nv)) || !fits(policy, motors) || !fits(commands, motors) ||
+        !fits(residuals, levels) || !fits(x, variables) || status.shape(0) != count())
+      throw nb::value_error("an array has the wrong number of worlds or columns");
+    const nb::gil_scoped_release release;
+    filters_.step(q.data(), v.data(), policy.data(), commands.data(), {status.data(), residuals.data(), x.data()});
+  }
+  void stop(std::size_t i, const std::string& reason) {
+    filters_.batch().change(checked(i), [&](hqp::Stacks& session) { session.current().halt().stop(reason); });
+  }
+  void resume(std::size_t i) {
+    filters_.batch().change(checked(i), [](hqp::Stacks& session) { session.current().halt().resume(); });
+  }
+  void reset(std::size_t i) { filters_.reset(checked(i)); }
+  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
+    const hqp::Stacks& session = filters_.batch().session();
+    return {session.tick().command().size(), session.tick().x().size(), session.levels()};
+  }
+  std::tuple<int, int> state() {
+    const hqp::Line& line = filters_.batch().session().current().line();
+    return {line.nq(), line.nv()};
+  }
+  std::size_t count() const { return filters_.batch().count(); }
+  std::size_t threads() const { return filters_.batch().threads(); }
+  nb::tuple counters() const { return counters_of(filters_.batch().counters()); }
+
+ private:
+  std::size_t checked(std::size_t i) const {
+    if (i >= count())
+      throw nb::index_error(("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(count() - 1)).c_str());
+    return i;
+  }
+
+  hqp::Filters filters_;
+};
+
 }  // namespace
 
 NB_MODULE(_session, module) {
@@ -294,6 +345,7 @@ NB_MODULE(_session, module) {
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);
   binding::bind_parts(module);
   binding::bind_walking(module);
+  binding::bind_policies(module);
   nb::class_<binding::LiveSession>(module, "Live")
       .def(nb::init<const nb::object&>(), "tree"_a)
       .def("take_references", &binding::LiveSession::take_references, "references"_a)
@@ -366,6 +418,18 @@ NB_MODULE(_session, module) {
       .def_prop_ro("state", &WalkingWorlds::state)
       .def_prop_ro("threads", &WalkingWorlds::threads)
       .def_prop_ro("counters", &WalkingWorlds::counters);
+  nb::class_<FilteredWorlds>(module, "Filters")
+      .def(nb::init<const nb::bytes&, std::size_t, std::size_t, const nb::bytes&>(), "file"_a, "count"_a, "threads"_a,
+           "key"_a)
+      .def("step", &FilteredWorlds::step, "q"_a, "v"_a, "policy"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
+           "residuals"_a.noconvert(), "x"_a.noconvert())
+      .def("stop", &FilteredWorlds::stop, "world"_a, "reason"_a)
+      .def("resume", &FilteredWorlds::resume, "world"_a)
+      .def("reset", &FilteredWorlds::reset, "world"_a)
+      .def_prop_ro("sizes", &FilteredWorlds::sizes)
+      .def_prop_ro("state", &FilteredWorlds::state)
+      .def_prop_ro("threads", &FilteredWorlds::threads)
+      .def_prop_ro("counters", &FilteredWorlds::counters);
   nb::class_<Session>(module, "Session")
       .def(nb::init<const nb::bytes&, const nb::bytes&>(), "file"_a, "key"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert(),

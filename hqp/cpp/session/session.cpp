@@ -6,7 +6,9 @@
 #include <cmath>
 #include <cstdio>
 
+#include "../policies/filtered.hpp"
 #include "../walking/steered.hpp"
+#include "filtering.hpp"
 #include "stacks.hpp"
 #include "walking.hpp"
 
@@ -264,6 +266,50 @@ int WalkingSession::nv() const { return walk_->stacks->current().line().nv(); }
 double WalkingSession::dt() const { return walk_->stacks->current().line().dt(); }
 const std::vector<std::string>& WalkingSession::joint_names() const {
   return walk_->stacks->current().robot().joint_names;
+}
+
+// See FilterSession.
+class Filtering {
+ public:
+  explicit Filtering(const std::shared_ptr<const Plan>& plan)
+      : stacks(made<Stacks>(plan)),
+        filter(filter_of(plan)),
+        filtered(plan, *filter, *stacks),
+        command(filter->motors()) {}
+  const Tick& step(const double* q, const double* v, const double* policy, const StateFacts& facts) {
+    return filtered.step(*filter, *stacks, q, v, policy, facts, command.data());
+  }
+
+  std::unique_ptr<Stacks> stacks;
+  std::unique_ptr<Filter> filter;
+  Filtered filtered;
+  std::vector<double> command;
+};
+
+FilterSession::FilterSession(const std::shared_ptr<const Plan>& plan) : filtering_(std::make_unique<Filtering>(plan)) {}
+FilterSession::~FilterSession() = default;
+FilterSession::FilterSession(FilterSession&&) noexcept = default;
+FilterSession& FilterSession::operator=(FilterSession&&) noexcept = default;
+
+const Tick& FilterSession::step(const double* q, const double* v, const double* policy) noexcept {
+  return filtering_->step(q, v, policy, {});
+}
+const Tick& FilterSession::step(const double* q, const double* v, const double* policy, double time,
+                                double now) noexcept {
+  StateFacts facts;
+  facts.time = &time, facts.now = now;
+  return filtering_->step(q, v, policy, facts);
+}
+const std::vector<double>& FilterSession::command() const { return filtering_->command; }
+const std::vector<std::uint8_t>& FilterSession::limited() const { return filtering_->filter->limited(); }
+void FilterSession::stop(const std::string& reason) { filtering_->stacks->shared().halt().stop(reason); }
+void FilterSession::resume() { filtering_->stacks->shared().halt().resume(); }
+void FilterSession::reset() { filtering_->stacks->reset(), filtering_->filter->reset(); }
+int FilterSession::nq() const { return filtering_->stacks->current().line().nq(); }
+int FilterSession::nv() const { return filtering_->stacks->current().line().nv(); }
+double FilterSession::dt() const { return filtering_->stacks->current().line().dt(); }
+const std::vector<std::string>& FilterSession::joint_names() const {
+  return filtering_->stacks->current().robot().joint_names;
 }
 
 std::shared_ptr<const Plan> read(const std::string& path, const std::string& key) { return read_plan(path, key); }

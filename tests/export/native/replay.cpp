@@ -12,25 +12,7 @@
 
 #include <session.hpp>
 
-namespace {
-thread_local bool counting = false;
-thread_local long allocations = 0;
-}  // namespace
-
-#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__)
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-void* malloc(std::size_t size) { return allocations += counting, __libc_malloc(size); }
-void* calloc(std::size_t count, std::size_t size) { return allocations += counting, __libc_calloc(count, size); }
-void* realloc(void* old, std::size_t size) { return allocations += counting, __libc_realloc(old, size); }
-void* aligned_alloc(std::size_t align, std::size_t size) {
-  return allocations += counting, __libc_memalign(align, size);
-}
-}
-#endif
+#include "counted.hpp"
 
 namespace {
 
@@ -72,13 +54,11 @@ bool replay(const std::string& plan, double tolerance, int rounds) {
       if (what[1] == 7) session.phase(std::to_string(int(values[0])));
     }
     std::vector<double> numbers = read<double>(file, nq + nv + n);
-    allocations = 0;
-    counting = true;
     const auto begin = std::chrono::steady_clock::now();
-    const hqp::Tick& tick = session.step(numbers.data(), numbers.data() + nq);
+    const long made = allocations_of([&] { session.step(numbers.data(), numbers.data() + nq); });
     times.push_back(std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - begin).count());
-    counting = false;
-    taken += allocations;
+    const hqp::Tick& tick = session.tick();
+    taken += made;
     statuses += static_cast<int>(tick.status()) != told[1];
     double most = 0.0;
     for (std::size_t j = 0; j < n; ++j) {
