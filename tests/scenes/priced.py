@@ -91,9 +91,9 @@ def solved_in_a_loop(solver: Solver, case: Hierarchy) -> Solution:
 
 
 def is_certain(solver: Solver, case: Hierarchy, seed: int) -> bool:
-    """Solve a problem without prices in a loop; assert that the certificate passes a certain answer, to 1e-8."""
+    """Solve a problem in a loop; assert that the certificate passes a certain answer, to 1e-8."""
     found = solved_in_a_loop(solver, case)
     certain = found.status.solved and not is_unsure(found)
-    verdict = certificate(case, found.x, 1e-8) if certain else None
+    verdict = certificate(case, found.x, 1e-8, found.stage_points) if certain else None
     assert verdict is None or verdict.ok, (seed, str(verdict))
     return certain

@@ -213,7 +213,6 @@ class Settled {
 
   // Rows of the wrong sign leave the set, violated rows of levels down to k enter; return true if the set has changed.
   bool change(int k, std::vector<int>& set) {
-    const bool held = kept(0);
     double most = 0.0;
     for (int j = 0; j < equalities_; ++j) most = larger(most, std::abs(lambda_[j]));
     for (const double pull : pull_) most = larger(most, std::abs(pull));
@@ -225,7 +224,6 @@ class Settled {
     for (int l = 0; l <= k; ++l) {
       const PricedLevel& level = level_[l];
       for (int i = 0; i < level.m; ++i) {
-        if (level.lower[i] == level.upper[i] && held) continue;
         const double value = row_value(level, i, x_.data(), n_);
         double w = slack(value, level.lower[i], level.upper[i]);
         if (w == 0.0) continue;
@@ -235,7 +233,7 @@ class Settled {
           w -= slack(row_value(level, i, exact_, n_), level.lower[i], level.upper[i]);
           if (std::abs(w) <= allowed) continue;
         }
-        if (level.lower[i] == level.upper[i]) {  // a dependent row
+        if (level.lower[i] == level.upper[i]) {  // a dependent row, or one so nearly that its multiplier is rounding
           consistent_ = false;
           return false;
         }
