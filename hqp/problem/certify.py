@@ -198,13 +198,15 @@ def _verdict(
             gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x, exact)
         else:
             counted, before = (missed != 0.0) | rows.equality, 0.0
-            gap, shares = judge.judge(A.T @ missed, scale)
-            if gap > tolerance + judge.rounding:
+            pull, at = A.T @ missed, (A, missed, sizes, counted, x)
+            gap, shares = judge.judge(pull, scale)
+            fall = judge.fall(*at) if longest > 0.0 else 0.0
+            if max(gap, fall) > tolerance + judge.rounding:
                 own = counted & (lengths > zero)
                 before = judge.hold(A[own], missed[own], lengths[own], x, np.zeros((0, problem.n)))
-                gap, shares = judge.judge(A.T @ missed, scale)
-            if longest > 0.0 and np.any(missed):
-                gap = max(gap, before, judge.fall(A, missed, sizes, counted, x))
+                gap, shares = judge.judge(pull, scale)
+                fall = judge.fall(*at)
+            gap = max(gap, fall, before)
         gaps.append(gap)
         rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))

@@ -273,6 +273,21 @@ def test_a_bound_holds_a_level_that_reaches_it_before_the_step_counts(
     assert certificate(case, x, tolerance).ok == (counts < 1.0 and 10.0**far < SOFTNESS)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bound_near_a_point_holds_a_level_whose_gradient_is_small(seed: int) -> None:
+    """Rows miss by little and have a small share of one direction, along which they could meet their goals far away."""
+    rng, n = np.random.default_rng(seed), 6
+    basis, x = np.linalg.qr(rng.normal(size=(n, n)))[0], rng.normal(size=n)
+    across = rng.normal(size=(n, n - 1))
+    w = np.linalg.svd(across)[0][:, -1]  # slack that no step across removes
+    w *= 10.0 ** rng.uniform(-4.0, -2.0)
+    A = np.column_stack([across, -1e-6 * w / np.linalg.norm(w)]) @ basis
+    level = Rows(A, A @ x - w, A @ x - w)
+    bound = Rows(basis[-1:], np.array([-np.inf]), basis[-1:] @ x + 10.0 ** rng.uniform(-7.0, -5.1))
+    assert certificate(Hierarchy((bound, level), constraints=1), x, 1e-8).ok
+    assert not certificate(Hierarchy((level,)), x, 1e-8).ok
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_bounds_exceeded_by_a_little_make_a_gap_of_a_little(seed: int) -> None:
     """The gap is no more than the excess relative to x, also of bounds at zero: their terms are no larger than it."""
