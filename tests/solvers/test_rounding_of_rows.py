@@ -11,7 +11,7 @@ import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.problem.graded import Errors, pull
 from hqp.tolerances import FEASIBILITY_TOLERANCE, LARGEST_ROUNDING, NULL_SPACE_ROUNDING, ROUNDED
-from tests.scenes.priced import is_certain, priced_problem, solved_in_a_loop
+from tests.scenes.priced import is_certain, is_unsure, priced_problem, solved_in_a_loop
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -262,3 +262,56 @@ def test_an_answer_that_rests_on_a_rank_near_either_reading_is_not_certain() -> 
         case = Hierarchy(tuple(levels), 1)
         certain += is_certain(solver, case, seed)
     assert certain > 80
+
+
+@pytest.mark.parametrize("most", [-4.0, -3.0])
+def test_a_level_met_for_its_price_has_multipliers_that_meet_its_rows(most: float) -> None:
+    """Rows repeat others but for 1e-6 to 1e-2, beside directions without motion: squares lose their remainders."""
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(320):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(6, 12))
+        moving, seen, levels = int(rng.integers(2, n - 2)), rng.normal(size=(1, n)), []
+        for _ in range(2):
+            error, A = 10.0 ** rng.uniform(most - 1.0, most), rng.normal(size=(3, n))
+            for i in range(3):
+                if rng.random() < 0.6:
+                    A[i] = seen[rng.integers(len(seen))] + error * 10.0 ** rng.uniform(-1.0, 1.0) * rng.normal(size=n)
+                seen = np.vstack([seen, A[i]])
+            b = rng.normal(size=3)
+            levels.append(Rows(A, b, b))
+        motion = Motion(rng.normal(size=(moving, n)), np.zeros(moving))
+        prices, turning = (
+            np.array([0.0, 10.0 ** rng.uniform(-4.0, 0.0)]),
+            np.array([0.0, 10.0 ** rng.uniform(-1.0, 2.0)]),
+        )
+        certain += is_certain(solver, Hierarchy(tuple(levels), 1, prices=prices, turning=turning, motion=motion), seed)
+    assert certain > 240
+
+
+def test_noise_moves_no_certain_answer_out_of_a_narrow_wedge() -> None:
+    """Rows are opposed but for a tilt of 1e-9 to 1e-6, and a level pulls beyond them.
+
+    Noise of 1e-12 moves the apex by up to 1e-3 of x.
+    """
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(4, 9))
+        A, x = rng.normal(size=(2, n)), 100.0 * rng.normal(size=n)
+        wedge = np.concatenate([A, -A + 10.0 ** rng.uniform(-9.0, -6.0) * rng.normal(size=(2, n))])
+        B, C = rng.normal(size=(int(rng.integers(1, n - 1)), n)), rng.normal(size=(2, n))
+        goals = B @ x + 10.0 * rng.normal(size=len(B)), 10.0 * rng.normal(size=2)
+        answers = []
+        for noise in (0.0, 1e-12):
+            W, top, *rows = (1.0 + noise * rng.normal(size=a.shape) for a in (wedge, wedge[:, 0], B, C))
+            limits = Rows(Selection(np.arange(n)), np.full(n, -300.0), np.full(n, 300.0))
+            levels = [limits, Rows(wedge * W, np.full(4, -np.inf), wedge @ x * top)]
+            levels += [Rows(a * r, goal, goal) for a, r, goal in zip((B, C), rows, goals, strict=True)]
+            answers.append(solved_in_a_loop(solver, Hierarchy(tuple(levels), 2)))
+        if any(is_unsure(answer) or not answer.status.solved for answer in answers):
+            continue
+        certain += 1
+        one, other = (answer.x for answer in answers)
+        assert np.abs(one - other).max() < 1e-4 * np.abs(one).max(), seed
+    assert certain > 60

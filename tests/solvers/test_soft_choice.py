@@ -146,7 +146,7 @@ def test_nearly_parallel_rows_do_not_tilt_what_no_level_sees() -> None:
         root = rng.normal(size=(2, n))
         problem = Hierarchy(tuple(levels), metric=root.T @ root)
         certain += is_certain(solver, problem, seed)
-    assert certain > 60
+    assert certain > 50
 
 
 def test_broken_rows_nearly_dependent_on_others_hold_nothing_in_part() -> None:

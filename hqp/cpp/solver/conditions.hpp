@@ -46,6 +46,7 @@ struct Conditions {
   double shortest = 1.0;            // shortest significant direction: its inverse magnifies rounding
   double closest = kInfinity;       // nearest a direction came to kDirection, as a ratio >= 1
   double faintest = kInfinity;      // least force that counts as holding a level back, relative
+  double strongest = 0.0;           // largest sum of a level's multipliers, of rows of unit length: magnifies it, too
   bool twisted = false;             // in coordinates turned by a reflection, where rounding falls otherwise
 
   void layout(Arena& arena, int n_, int rows, int most, int blocks) {
@@ -89,6 +90,7 @@ struct Conditions {
     open_count = 0;
     shortest = 1.0;
     faintest = kInfinity;
+    strongest = 0.0;
     for (int q = 0; q < all; ++q) {
       state[q] = kAhead;
       side[q] = held[q] = 0;
@@ -100,16 +102,18 @@ struct Conditions {
 
   // Largest gap of an optimum: rounding of the rows turns the null space by as much as it is of the shortest direction,
   // and counts as often as the multipliers have it.
-  double allowed() const {
-    double forces = 0.0;
-    for (int a = 0; a < active; ++a) forces += columns.mu[a];
-    return kViolated + smaller(kTurned, kRounding * (1.0 / shortest + forces));
+  double allowed() const { return kViolated + smaller(kTurned, kRounding * (1.0 / shortest + forces_)); }
+
+  // Return true if the data's last digits may move the point that was judged.
+  bool magnifies() const {
+    return closest < kEither * kEither || shortest < kUncertain || strongest * kUncertain > 1.0;
   }
 
   // Return the relative remainder of the level's gradient after subtracting the best multipliers of the active rows.
   double gap_of(int k) {
     const Block& b = table->block[k];
     active = columns.count = own_count_ = 0;
+    forces_ = 0.0;
     if (b.norm <= b.rounding || gradient(k) == 0.0) return 0.0;
     if (b.graded) {
       find_own_active(k);
@@ -123,8 +127,11 @@ struct Conditions {
       if (is_active(candidate(a))) add_column(candidate(a));
     columns.count = active;
     const double force = columns.solve(y_ + null_space.rank, null_space.freedom());
-    for (int a = 0; a < active; ++a)
+    for (int a = 0; a < active; ++a) {
+      forces_ += columns.mu[a];
       if (const double length = null_space.length(row(id[a])); columns.mu[a] * length > kViolated) note(length);
+    }
+    strongest = larger(strongest, forces_);
     return b.graded ? force : larger(force, fall(k));
   }
 
@@ -262,7 +269,7 @@ struct Conditions {
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
   double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
-  double scale_ = 0.0;  // size of the present gradient
+  double scale_ = 0.0, forces_ = 0.0;  // size of the present gradient; sum of its multipliers
   int *applied_ = nullptr, *list_ = nullptr, *actives_ = nullptr, *own_ = nullptr;
 
   // A level's own inequalities at a bound, where that is nearer than a step that counts: their slack is arbitrary
