@@ -161,11 +161,11 @@ def _share(x: float) -> float:
 def of_axes(a: Mat, b: Mat, c: Mat, d: Mat) -> Vec:
     """Distances between segments a b and c d, many at once: ends ``(n, 3)``, distances ``(n,)`` [m]."""
     u, v, w = b - a, d - c, c - a
-    across = np.cross(u, v)
+    across = cross(u, v)
     square = np.einsum("ij,ij->i", across, across)
     with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.einsum("ij,ij->i", np.cross(w, v), across) / square
-        t = np.einsum("ij,ij->i", np.cross(w, u), across) / square
+        s = np.einsum("ij,ij->i", cross(w, v), across) / square
+        t = np.einsum("ij,ij->i", cross(w, u), across) / square
         crossing = np.abs(np.einsum("ij,ij->i", w, across)) / np.sqrt(square)
     inside = (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
     ends = np.minimum(

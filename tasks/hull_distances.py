@@ -13,17 +13,22 @@ from hqp.collision_library import Placement, coal, convex_hull, solid
 from hqp.shapes import LinkCapsule, LinkHull
 
 FAR = 0.1
-"""Distances above this are lower bounds by balls [m]."""
+"""Distances above this are lower bounds by balls, unless the caller has another use for them [m]."""
 
 
-def between(own: LinkCapsule | LinkHull, one: tuple[Mat, Mat], hull: LinkHull, two: tuple[Mat, Mat]) -> Vec:
-    """Distances ``(n,)`` [m] at positions ``(n, 3)`` and rotations ``(n, 3, 3)`` of both bodies."""
+def between(
+    own: LinkCapsule | LinkHull, one: tuple[Mat, Mat], hull: LinkHull, two: tuple[Mat, Mat], far: float = FAR
+) -> Vec:
+    """Distances ``(n,)`` [m] at positions ``(n, 3)`` and rotations ``(n, 3, 3)`` of both bodies.
+
+    far [m]: those above it may be lower bounds by balls, which are above it, too.
+    """
     (shape, turn, middle), (other, *_) = _solid(own), _solid(hull)
     off = np.linalg.norm(one[0] + one[1] @ _middle(own) - two[0] - two[1] @ np.array(hull.a), axis=1)
     found = off - 0.5 * math.dist(own.a, own.b) - own.radius - hull.radius
     rounding = hull.rounding + (own.rounding if isinstance(own, LinkHull) else 0.0)
     ask, result = coal.DistanceRequest(), coal.DistanceResult()
-    for n in np.flatnonzero(found < FAR).tolist():
+    for n in np.flatnonzero(found <= far).tolist():
         here = Placement(one[1][n] @ turn, one[0][n] + one[1][n] @ middle)
         result.clear()
         found[n] = coal.distance(shape, here, other, Placement(two[1][n], two[0][n]), ask, result) - rounding

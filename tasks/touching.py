@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import defaultdict
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ REMEMBERED = 64
 
 Pair = tuple[int, int]
 _Row = tuple[Mask, LinkCapsule, LinkHull]
+_NONE = np.zeros(0, dtype=np.intp)
 Places = dict[int, tuple[Mat, Mat]]
 Key = tuple[Any, ...]
 
@@ -171,7 +173,7 @@ def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -
         best: tuple[float, list[int], tuple[LinkHull, ...]] = 0.0, [], ()
         for own, others in (sides := _sides(capsules, those), sides[::-1]):
             tried = drawn.hulls(others[0])
-            home = min(float(drawn.gap_to(capsules[i], hull)[0]) for i in own for hull in tried)
+            home = min(float(drawn.gap_to(capsules[i], hull, math.inf)[0]) for i in own for hull in tried)
             best = max(best, (home, own, tried), key=lambda side: side[0])
         _, own, tried = best
         unseparated += [] if own else those[:1]
@@ -199,6 +201,8 @@ class _Drawn:
         self.capsules, self.places, self.shapes = capsules, places, shapes
         self._hulls: dict[int, tuple[LinkHull, ...]] = {}
         self._touching: dict[tuple[int, int, int], bool] = {}
+        self._near: dict[Pair, tuple[float, Index, Vec]] = {}
+        self._home: dict[Pair, float] = {}
         self.ends = []
         for c in capsules:
             position, rotation = places[c.body]
@@ -211,14 +215,19 @@ class _Drawn:
         return between - self.capsules[i].radius - self.capsules[j].radius
 
     def home(self, i: int, j: int) -> float:
-        return float(self.gap(i, j, np.zeros(1, dtype=np.intp))[0])
+        if (i, j) not in self._home:
+            self._home[i, j] = float(self.gap(i, j, np.zeros(1, dtype=np.intp))[0])
+        return self._home[i, j]
 
-    def near(self, i: int, j: int, least: float) -> tuple[Index, Any]:
-        """Configurations in which capsules are nearer than a distance, and their distances there."""
-        off = np.linalg.norm(self.middle[i] - self.middle[j], axis=1) - self.size[i] - self.size[j]
-        draws = np.flatnonzero(off < least)
-        distance = self.gap(i, j, draws)
-        return draws[distance < least], distance[distance < least]
+    def near(self, i: int, j: int, least: float) -> Index:
+        """Configurations in which capsules are nearer than a distance."""
+        most, draws, distance = self._near.get((i, j), (-math.inf, _NONE, _NONE))
+        if most < least:  # measured once for the largest distance that is asked for, which is usually the first
+            off = np.linalg.norm(self.middle[i] - self.middle[j], axis=1) - self.size[i] - self.size[j]
+            draws = np.flatnonzero(off < least)
+            distance = self.gap(i, j, draws)
+            self._near[i, j] = least, draws, distance
+        return draws[distance < least]
 
     def touch(self, i: int, j: int, draw: int) -> bool:
         """Return true if the shapes of the links of two capsules, or capsules that are shapes, touch in a draw."""
@@ -254,11 +263,11 @@ class _Drawn:
             found += [(edges[k], other) for k in np.unique(nearest).tolist()]
         return found
 
-    def gap_to(self, own: LinkCapsule | LinkHull, hull: LinkHull, draws: Any = slice(None)) -> Vec:
-        """Distances between a capsule or a hull and a hull [m]."""
+    def gap_to(self, own: LinkCapsule | LinkHull, hull: LinkHull, least: float, draws: Any = slice(None)) -> Vec:
+        """Distances between a capsule or a hull and a hull, exact as far as ``kept`` of a clearance needs them [m]."""
         from . import hull_distances  # coal comes with Pinocchio, but takes its time to import
 
-        return hull_distances.between(own, self._poses(own, draws), hull, self._poses(hull, draws))
+        return hull_distances.between(own, self._poses(own, draws), hull, self._poses(hull, draws), least / KEPT)
 
     def _poses(self, shape: LinkCapsule | LinkHull, draws: Any) -> tuple[Mat, Mat]:
         position, rotation = self.places[shape.body]
@@ -272,7 +281,7 @@ class _Drawn:
         if self.touch(i, j, 0):
             return False
         home = self.home(i, j)
-        draws, _ = self.near(i, j, kept(clearance, home))
+        draws = self.near(i, j, kept(clearance, home))
         tried = draws[:EVIDENCE].tolist()
         if len(tried) < EVIDENCE and home > 0.0:
             return True
@@ -283,7 +292,7 @@ class _Drawn:
         """Return true if shapes of two links are apart at home, but in less than ``SPARED`` of all configurations."""
         pairs, inside = [pair for pair in pairs if not self.touch(*pair, 0)], np.zeros(DRAWS + 1, dtype=bool)
         for pair in pairs:
-            inside[self.near(*pair, 0.0)[0]] = True
+            inside[self.near(*pair, 0.0)] = True
         if inside.mean() < 1.0 - SPARED:
             return False
         touching = [any(self.touch(*pair, n) for pair in pairs) for n in np.flatnonzero(inside)[:EVIDENCE].tolist()]
@@ -299,8 +308,8 @@ class _Drawn:
         for i, j in rows:
             least = kept(clearance, self.home(i, j))
             if least > -self.capsules[i].radius - self.capsules[j].radius:
-                held[self.near(i, j, least)[0]] = True
-        inside = (self.near(*pair, 0.0)[0] for pair in pairs)
+                held[self.near(i, j, least)] = True
+        inside = (self.near(*pair, 0.0) for pair in pairs)
         free = ((pair, draws[~held[draws]][:EVIDENCE].tolist()) for pair, draws in zip(pairs, inside, strict=True))
         return any(self.touch(*pair, n) for pair, tried in free for n in tried)
 
@@ -345,7 +354,7 @@ class _Closer:
         rows: list[_Row] = []
         for hull in hulls:
             for capsule in (self._drawn.capsules[k] for k in own):
-                gap = self._drawn.gap_to(capsule, hull)
+                gap = self._drawn.gap_to(capsule, hull, clearance)
                 if not gap[0] > 0.0:
                     return None
                 rows.append((gap < kept(clearance, float(gap[0])), capsule, hull))
@@ -359,13 +368,13 @@ class _Closer:
         drawn, rows = self._drawn, list[_Row]()
         for one in drawn.hulls(own[0]):
             for two in drawn.hulls(others[0]):
-                gap = drawn.gap_to(one, two)
+                gap = drawn.gap_to(one, two, clearance)
                 if not gap[0] > 0.0:
                     return None
                 near = np.flatnonzero(gap < kept(clearance, float(gap[0])))
                 for edge, hull in drawn.meeting(one, two, near):
                     draws, excludes = np.concatenate(([0], near)), np.zeros(DRAWS + 1, dtype=bool)
-                    gap = drawn.gap_to(edge, hull, draws)
+                    gap = drawn.gap_to(edge, hull, clearance, draws)
                     excludes[draws] = gap < kept(clearance, float(gap[0]))
                     rows.append((excludes, edge, hull))
         side = self._judged(rows) if rows else None

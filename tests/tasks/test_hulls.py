@@ -154,6 +154,19 @@ def test_rows_of_hulls_exclude_what_touches(name: str) -> None:
         assert len(excluded) < 20 or contacts > 0.25 * len(excluded), own.name(pairs[0][0])
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_distances_are_exact_up_to_the_one_that_is_asked_for(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        own, other, far = hull(rng), hull(rng), float(rng.choice([-0.05, 0.0, 0.05, 0.2]))
+        poses = [np.array([pose(rng) for _ in range(30)]) for _ in range(2)]
+        one, two = ((T[:, :3, 3] * rng.uniform(0.1, 1.0), T[:, :3, :3]) for T in poses)
+        exact, found = (between(own, one, other, two, most) for most in (np.inf, far))
+        np.testing.assert_array_equal(found[exact <= far], exact[exact <= far])
+        assert (found[exact > far] > far).all()
+        assert (found <= exact + 1e-9).all()
+
+
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     ("name", "pairs"),

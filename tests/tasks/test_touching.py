@@ -15,7 +15,7 @@ import pytest
 import hqp
 from hqp.robots import capsule_files
 from hqp.shapes import LinkCapsule
-from hqp.tasks import CollisionAvoidance
+from hqp.tasks import CollisionAvoidance, touching
 from hqp.tasks.collision_pairs import candidates
 from hqp.tasks.collision_scene import scene
 
@@ -212,6 +212,25 @@ def test_a_robot_with_other_ranges_has_its_own_clearance(seed: int) -> None:
         kept.append(row.clearance)
     assert kept[0] < kept[1]
     assert kept[2] == kept[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_distances_asked_in_any_order_are_those_asked_once(seed: int) -> None:
+    """Near configurations are measured once for each pair: what is asked before changes nothing."""
+    robot, rng = drawn(seed), np.random.default_rng(seed)
+    capsules = tuple(robot.capsules)
+    places = touching._drawn(robot.copy(), [c.body for c in capsules], 200)
+    kept = touching._Drawn(capsules, places, None)
+    for _ in range(300):
+        i, j = rng.choice(len(capsules), 2, replace=False).tolist()
+        least = float(rng.choice([-0.02, 0.0, 0.01, 0.1]))
+        once = touching._Drawn(capsules, places, None)
+        np.testing.assert_array_equal(kept.near(i, j, least), once.near(i, j, least))
+        draws, at = range(0, 201, 50), (places[capsules[i].body], places[capsules[j].body])
+        gaps = [gap(capsules[i], capsules[j], *(pin.SE3(R[n], p[n]) for p, R in at)) for n in draws]
+        near = np.isin(draws, once.near(i, j, least))
+        clear = np.abs(np.array(gaps) - least) > 1e-6
+        np.testing.assert_array_equal(near[clear], (np.array(gaps) < least)[clear])
 
 
 def test_links_of_the_catalogue_that_pass_closely_have_a_row() -> None:
