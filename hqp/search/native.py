@@ -19,13 +19,15 @@ from .sessions import Session
 if TYPE_CHECKING:
     from hqp._assembly import Descents
 
-EXTRAORDINARY = 5
-REASONS = ("", "the solver found no solution", "no step improves it", "stalled", "step limit reached")
+CONTINUED = "continued by the general path"
+REASONS = ("", "the solver found no solution", "no step improves it", "stalled", "step limit reached", CONTINUED)
 """Ends of a native descent, by number; after the last of them the general path continues."""
 
 
 class NativeDescents:
-    """Run descents of one session in native code; ``descend`` returns None if the general path must do it.
+    """Run descents of one session in native code.
+
+    ``descend`` returns None if the general path must do it, and the reason ``CONTINUED`` if that must go on from there.
 
     members: the elements of each group, ``subject_to`` first.  guard_rate: share of the way to their bounds that rows
     of inequalities allow a step.  still, stalled: a smaller step ends a descent that has not met its targets, and so do
@@ -75,13 +77,13 @@ class NativeDescents:
         self._aimed = False
 
     def descend(self, q: Vec, tolerance: float, most: int, seconds: float) -> Descent | None:
-        """Descend from q, see ``Search.descend``; return None in unusual cases."""
+        """Descend from q, see ``Search.descend``; return None if the general path must begin."""
         native = self._ready()
         if native is None:
             return None
         q = np.array(q, dtype=np.float64)
         end, steps = native.run(q, self._merit, self._errors, tolerance, most, seconds)
-        if end == EXTRAORDINARY:
+        if REASONS[end] == CONTINUED and not steps:
             return None
         errors = dict(zip(self._names, self._errors.tolist(), strict=True))
         return Descent(q, tuple(self._merit.tolist()), steps, REASONS[end], errors)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
 from hqp.declare.element import Element, Inequality, Task, selection_of
@@ -20,7 +21,7 @@ from hqp.declare.stack import Stack
 from hqp.programs.formulation import Velocity
 
 from .descent import LAST, LEAST, POLISH, PROGRESS, SETTLED, STALLED, STEP, STILL, Descent, Merit
-from .native import NativeDescents
+from .native import CONTINUED, NativeDescents
 from .sessions import Session, Sessions
 
 CAP = 0.5
@@ -127,14 +128,18 @@ class Search:
         errors = {name: math.sqrt(float(error @ error)) for name, error in run.errors_by_name}
         errors.update((r.name, math.inf) for r in self._references if not r.finite)
         for element in self._limits if whole else self._guards:
-            errors[element.name] = self._violation(element, state)
+            errors[element.name] = self._violation(run, element, state)
         return (np.array(tick.x) if tick.held == 0 else None), errors
 
-    def _violation(self, element: Inequality, state: State) -> float:
-        """Violation of an inequality [m or rad]."""
+    def _violation(self, run: Compiled, element: Inequality, state: State) -> float:
+        """Violation of an inequality [m or rad]; distances of links are those of the step's rows."""
+        from hqp.tasks import CollisionAvoidance
+
+        if isinstance(element, CollisionAvoidance):
+            rows = run.session.program.assembly.members[element.name].views
+            return _beyond(rows.lower, rows.upper) / (element.weight * GUARD_RATE)
         value = (self._steered.get(element.name),) if element.steered else ()
-        lower, upper = element.bounds(state, *value)
-        return max(0.0, float(np.max(lower, initial=0.0)), float(np.max(np.negative(upper), initial=0.0)))
+        return _beyond(*element.bounds(state, *value))
 
     def merit(self, errors: Mapping[str, float], tolerance: float) -> Merit:
         """Errors of targets by group, those within the tolerance alike."""
@@ -156,7 +161,12 @@ class Search:
     def descend(self, q: Vec, tolerance: float, most: int, end: float, calm: bool = False) -> Descent:
         """Steps from q until the targets are met and the rest has settled, ``most`` of them, until the time ``end``."""
         found = self._natively(calm).descend(q, tolerance, most, end - time.perf_counter())
-        return self._descend(q, tolerance, most, end, calm) if found is None else found
+        if found is None:
+            return self._descend(q, tolerance, most, end, calm)
+        if found.reason != CONTINUED:
+            return found
+        rest = self._descend(found.q, tolerance, most - found.steps, end, calm)
+        return rest._replace(steps=found.steps + rest.steps)
 
     def _natively(self, calm: bool) -> NativeDescents:
         if not calm:
@@ -197,6 +207,11 @@ class Search:
             taken += 1
             radius = min(radius, size)
             q = self.robot.integrate(at, x, radius / max(size, 1e-12))
+
+
+def _beyond(lower: ArrayLike, upper: ArrayLike) -> float:
+    """Largest number that bounds demand."""
+    return max(0.0, float(np.max(lower, initial=0.0)), float(np.max(np.negative(upper), initial=0.0)))
 
 
 def advanced(merit: Merit, mark: Merit) -> bool:

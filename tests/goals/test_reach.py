@@ -21,7 +21,7 @@ from hqp.loop.session import one_second
 from hqp.robots import Robot
 from hqp.search import native, starts
 from hqp.search.newton import Search
-from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture
+from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture, Within
 
 TOOLS = {"ur5": ("tool0",), "panda": ("panda_hand_tcp",), "g1": ("left_wrist_yaw_link", "right_wrist_yaw_link")}
 
@@ -240,6 +240,54 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
         np.testing.assert_allclose(one.q, other.q, atol=1e-5)
         for key, error in other.errors.items():
             assert one.errors[key] == pytest.approx(error, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_native_descent_that_gives_up_is_continued_where_it_is(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its steps count, and the general path meets what the whole descent meets."""
+    robot, rng = load(name), np.random.default_rng(8)
+    hand = Pose(frame=TOOLS[name][0])
+    search, whole = Search(Stack(Level(hand), Level(Posture())), robot, one_second), native.NativeDescents.descend
+
+    def gives_up(self: Any, q: Any, tolerance: float, most: int, seconds: float) -> Any:
+        found = whole(self, q, tolerance, min(most, 3), seconds)
+        return found and (found if found.met else found._replace(reason=native.CONTINUED))
+
+    for _ in range(8):
+        goal = hand.value(robot.state(robot.home)).copy()
+        goal[:3, 3] += rng.uniform(-0.2, 0.2, 3)
+        search.aim(robot.home, [hand.at(goal)])
+        one = search.descend(robot.home, 1e-3, 60, math.inf)
+        with monkeypatch.context() as patched:
+            patched.setattr(native.NativeDescents, "descend", gives_up)
+            other = search.descend(robot.home, 1e-3, 60, math.inf)
+            first = search.descend(robot.home, 1e-3, 3, math.inf)
+        assert other.met == one.met
+        assert other.steps <= 60
+        assert first.steps == min(3, one.steps)
+
+
+@pytest.mark.parametrize("calm", [False, True])
+def test_violations_of_a_step_are_those_of_the_bounds(calm: bool) -> None:
+    """The general path takes them from the rows of the step."""
+    robot, rng = hqp.robots.load("g1"), np.random.default_rng(2)
+    hand = Pose(frame=TOOLS["g1"][0])
+    floor = shapes.half_space("floor", (0.0, 0.0, 0.1))
+    within = Within(Com(axes="z"), lower=0.6, weight=3.0, name="high")
+    guards = [CollisionAvoidance(pairs="world", world=(floor,), name="floor", weight=2.0), CollisionAvoidance(), within]
+    search = Search(Stack(Level(hand), subject_to=guards), robot, one_second)
+    search.aim(robot.home, [hand.at(hand.value(robot.state(robot.home)))])
+    seen = set()
+    for _ in range(30):
+        q = robot.integrate(robot.home, rng.normal(size=robot.nv), 0.4)
+        _, errors = search.step(q, calm=calm)
+        state = robot.state(q)
+        for guard in search._guards:
+            lower, upper = guard.bounds(state)
+            worst = max(0.0, float(np.max(lower, initial=0.0)), float(np.max(-upper, initial=0.0)))
+            assert errors[guard.name] == pytest.approx(worst, abs=1e-9)
+            seen |= {guard.name} if worst > 0.0 else set()
+    assert seen == {guard.name for guard in search._guards}
 
 
 def every_joint() -> Robot:
