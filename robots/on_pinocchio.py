@@ -336,12 +336,13 @@ class Robot:
 
     @contextmanager
     def keep_shapes(self) -> Iterator[None]:
-        """Read the shapes of each kind at most once within this context."""
-        self._read = {}
+        """Read the shapes of each kind at most once within this context, which may lie within another."""
+        before = self._read
+        self._read = {} if before is None else before
         try:
             yield
         finally:
-            self._read = None
+            self._read = before
 
     def contacts(self) -> Contacts:
         """The collision shapes, read for ``touch`` of two bodies; raises ModelError without shapes."""

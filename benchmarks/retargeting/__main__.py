@@ -65,9 +65,14 @@ def main() -> int:
             if arguments.only and clip not in arguments.only:
                 continue
             rival, physics = not arguments.no_rival, arguments.physics
-            for row in _carried(name, clip, motion) if arguments.carried else _rows(name, clip, motion, rival, physics):
-                rows.append(row)
-                print(" | ".join(row), flush=True)
+            robot = hqp.robots.load(name)
+            with robot.keep_shapes():
+                made = (
+                    _carried(robot, clip, motion) if arguments.carried else _rows(robot, clip, motion, rival, physics)
+                )
+                for row in made:
+                    rows.append(row)
+                    print(" | ".join(row), flush=True)
     if arguments.output:
         header = CARRIED if arguments.carried else FATES if arguments.physics else HEADER
         arguments.output.write_text(table(header, rows) + "\n", encoding="utf-8")
@@ -84,8 +89,8 @@ def _clips(arguments: Any) -> Iterator[tuple[str, Motion]]:
         yield from kinds(0)
 
 
-def _rows(name: str, clip: str, motion: Motion, rival: bool, physics: bool) -> Iterator[tuple[str, ...]]:
-    robot = hqp.robots.load(name)
+def _rows(robot: Any, clip: str, motion: Motion, rival: bool, physics: bool) -> Iterator[tuple[str, ...]]:
+    name = robot.name
     found = find_map(None, robot)
     body = Body.of(robot, found)
     motion = motion.smoothed().at_rate(motion.fps * math.ceil(LEAST_RATE / motion.fps))
@@ -120,12 +125,12 @@ def _fate(name: str, clip: str, who: str, targets: Targets, q: Any) -> tuple[str
     return name, clip, f"{f.of:.1f}", who, f"{f.seconds:.1f}", f"{100 * f.beyond:.0f}", f"{100 * f.usable:.0f}"
 
 
-def _carried(name: str, clip: str, motion: Motion) -> Iterator[tuple[str, ...]]:
+def _carried(robot: Any, clip: str, motion: Motion) -> Iterator[tuple[str, ...]]:
     """Without dynamics by the controller of ``--physics``, and with them, undisturbed and drawn."""
     from benchmarks.retargeting.carried import Disturbance, carry
     from benchmarks.retargeting.physics import fate
 
-    robot = hqp.robots.load(name)
+    name = robot.name
     found = find_map(None, robot)
     body = Body.of(robot, found)
     motion = motion.smoothed().at_rate(motion.fps * math.ceil(LEAST_RATE / motion.fps))

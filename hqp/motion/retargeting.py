@@ -64,41 +64,43 @@ def retarget(
     bits.  Raises DeclarationError and ModelError for a misfit.
     """
     robot = _loaded(robot)
-    found = find_map(map, robot)
-    if not isinstance(motion, Motion):
-        motion = read_motion(motion, up=up, body_model=body_model, human=found.human)
-    if fps is not None and not 0.0 < fps < math.inf:
-        raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed="above 0")
-    given = _contacts(contacts, len(motion))
-    rate = motion.fps if fps is None else float(fps)
-    each = math.ceil(LEAST_RATE / rate)
-    body = Body.of(robot, found)
-    clip = motion.smoothed().at_rate(rate * each)
-    masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
-    parts = parts_of(clip.names, found.human)
-    targets = targets_of(clip, parts, body, masks)
-    begin = time.process_time()
-    schedule = schedule_of(targets, body) if dynamics else None
-    if schedule is not None:
-        targets = grounded(targets, body, schedule)
-    stacks = Stacks(robot, found, body, 1.0 / clip.fps, collision=collision, flat=dynamics)
-    tracker = Tracker(robot, stacks, targets)
-    passed, changes = smoothed(tracker, solved(tracker)), None
-    if schedule is not None:
-        passed, changes = carried(tracker, passed, schedule)
-    spent = time.process_time() - begin
-    frames = slice(None, None, each)
-    measures = measure(robot, tracker.stacks, targets, passed.q)
-    q = passed.q[frames]
-    thinned = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
-    whole = tracker, passed.q, passed.v, measures.errors
-    behind = tuple(one.thinned(each) for one in shortfalls(*whole))
-    return Retargeted(
-        robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
-        targets.person[frames], clip.parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
-        _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
-        None if changes is None else changes.thinned(each), None if targets.box is None else targets.box.frames(frames),
-    )  # fmt: skip
+    with robot.keep_shapes():
+        found = find_map(map, robot)
+        if not isinstance(motion, Motion):
+            motion = read_motion(motion, up=up, body_model=body_model, human=found.human)
+        if fps is not None and not 0.0 < fps < math.inf:
+            raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed="above 0")
+        given = _contacts(contacts, len(motion))
+        rate = motion.fps if fps is None else float(fps)
+        each = math.ceil(LEAST_RATE / rate)
+        body = Body.of(robot, found)
+        clip = motion.smoothed().at_rate(rate * each)
+        masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
+        parts = parts_of(clip.names, found.human)
+        targets = targets_of(clip, parts, body, masks)
+        begin = time.process_time()
+        schedule = schedule_of(targets, body) if dynamics else None
+        if schedule is not None:
+            targets = grounded(targets, body, schedule)
+        stacks = Stacks(robot, found, body, 1.0 / clip.fps, collision=collision, flat=dynamics)
+        tracker = Tracker(robot, stacks, targets)
+        passed, changes = smoothed(tracker, solved(tracker)), None
+        if schedule is not None:
+            passed, changes = carried(tracker, passed, schedule)
+        spent = time.process_time() - begin
+        frames = slice(None, None, each)
+        measures = measure(robot, tracker.stacks, targets, passed.q)
+        q = passed.q[frames]
+        thinned = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
+        whole = tracker, passed.q, passed.v, measures.errors
+        behind = tuple(one.thinned(each) for one in shortfalls(*whole))
+        return Retargeted(
+            robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
+            targets.person[frames], clip.parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
+            _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
+            None if changes is None else changes.thinned(each),
+            None if targets.box is None else targets.box.frames(frames),
+        )  # fmt: skip
 
 
 def _loaded(robot: Robot | str) -> Robot:

@@ -98,3 +98,17 @@ def test_a_session_reads_shapes_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert readings == ["collision"]
     robot.contacts()
     assert readings == ["collision"] * 2
+
+
+def test_shapes_are_kept_until_the_outermost_context_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    readings = []
+    monkeypatch.setattr(geometry, "read", lambda *of, read=geometry.read: readings.append(of[-1]) or read(*of))
+    stack = Stack(Level(Posture()), subject_to=[CollisionAvoidance(clearance=0.0138)])
+    robot = hqp.robots.load("panda")
+    with robot.keep_shapes():
+        robot.contacts()
+        hqp.Controller(stack, hqp.Velocity()).session(robot, 0.002)
+        robot.contacts()
+    assert readings == ["collision"]
+    robot.contacts()
+    assert readings == ["collision"] * 2
