@@ -17,6 +17,7 @@ import pinocchio as pin
 
 import hqp
 from benchmarks.reports import report
+from hqp.policies import PolicyFilters
 from hqp.robots import Robot
 from hqp.tasks import CollisionAvoidance
 from hqp.tasks.collision_scene import scene
@@ -49,7 +50,11 @@ def run(arguments: argparse.Namespace) -> int:
         )
         ticks = 3000 if arguments.quick else arguments.ticks
         found = [_hostile(name, kind, ticks // len(KINDS)) for name in ROBOTS for kind in KINDS]
-    text = "\n".join((times, report.table(HEADER, [one.row() for one in found])))
+    edge = report.table(
+        ("commands", "joints at a limit", "a world [us]", "of the speed within"),
+        list(_edge(5 if arguments.quick else 30)),
+    )
+    text = "\n".join((times, edge, report.table(HEADER, [one.row() for one in found])))
     report.section(arguments.output, "filter", text)
     if arguments.page is not None:
         report.into_page(arguments.page, MARK, text, END)
@@ -91,6 +96,33 @@ def _times(ticks: int) -> Iterator[tuple[str, ...]]:
             low, half = 1e6 * np.percentile(whole, (10, 50))
             known = str(len(every.pairs)) if count == "all" else count
             yield kind, known, f"{low:.0f}", f"{half:.0f}", f"{1e6 * np.percentile(stack, 50):.0f}"
+
+
+def _edge(ticks: int, worlds: int = 64) -> Iterator[tuple[str, ...]]:
+    """Batch on one thread: commands that push drawn joints of G1, near their limits, beyond them."""
+    robot, rng = hqp.robots.load("g1"), np.random.default_rng(0)
+    own = robot.actuated
+    top, low = robot.upper[own] - 0.004, robot.lower[own] + 0.004
+    pushes = {"positions": np.full(own.size, 0.5), "velocities": np.full(own.size, 3.0)}
+    for kind in KINDS:
+        filters = PolicyFilters(_declared(kind, None).session(robot, DT, deadline=math.inf), worlds, threads=1)
+        push, within = pushes.get(kind, 0.5 * robot.effort_limit[own]), 0.0
+        for count in (0, 3, 15, own.size):
+            filters.reset()
+            Q, V = np.tile(robot.home, (worlds, 1)), np.zeros((worlds, robot.nv))
+            above = rng.uniform(size=(worlds, own.size)) < 0.5
+            chosen = rng.uniform(size=above.shape).argsort(axis=1) < count
+            Q[:, -own.size :] = np.where(chosen, np.where(above, top, low), Q[:, -own.size :])
+            C = np.where(chosen, np.where(above, push, -push), 0.0)
+            C = C + Q[:, -own.size :] if kind == "positions" else C
+            spent = []
+            for _ in range(ticks):
+                start = time.process_time()
+                filters.step(Q, V, C + 1e-3 * rng.normal(size=C.shape))
+                spent.append(1e6 * (time.process_time() - start) / worlds)
+            here = float(np.median(spent))
+            within = within or here
+            yield kind, str(count), f"{here:.0f}", f"{within / here:.2f}"
 
 
 HEADER = (
