@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp import _session
-from hqp.arrays import Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.declare.element import Element
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
@@ -25,6 +25,7 @@ from hqp.policies.servo import Gains, Servos
 from hqp.programs.formulation import Velocity
 from hqp.tasks import (
     CollisionAvoidance,
+    JointCoupling,
     JointLimits,
     JointLoad,
     JointVelocity,
@@ -113,7 +114,9 @@ class PolicyFilter:
         names, servos = robot.joint_names, self.servos(robot, dt)
         base: list[Element] = [PrescribedMotion(name="base")] if robot.floating and not self.free(robot) else []
         apart: list[Element] = [] if self.collision is None else [self.collision]
-        limits = default_limits(robot, self.command != "velocities") if self.limits is None else (self.limits,)
+        dynamics = self.command != "velocities"
+        own = default_limits(robot, dynamics, dynamics and not self.free(robot))
+        limits = own if self.limits is None else (self.limits,)
         if self.command == "velocities":
             level = Level(JointVelocity(joints=names, name="policy"), price=0)
             stack = Stack(level, subject_to=[*base, *limits, *apart])
@@ -157,12 +160,14 @@ class PolicyFilter:
         top = servos.effort if forces else robot.velocity_limit[own]
         limited = forces & np.isfinite(servos.effort)  # commands of any size, whose torque is limited
         wrench = np.full(columns.size - own.size, IMPACT * robot.mass)
+        passive, transmitted = coupled(robot)
         return {
             "kind": KINDS.index(self.command), "dt": dt, "kept": KEPT, "columns": columns.tolist(),
             "kp": servos.kp.tolist(), "kd": servos.kd.tolist(), "effort": servos.effort.tolist(),
             "largest": np.where(limited, math.inf, LARGEST).tolist(),
             "rounding": (ROUNDING * (1.0 + np.where(np.isfinite(top), top, 1.0))).tolist(),
             "stiffening": stiffening.tolist(),
+            "passive": passive.tolist(), "transmitted": transmitted.ravel().tolist(),
             "most": np.append(wrench, np.minimum(servos.effort, UNLIMITED)).tolist(),
             "model": {
                 "nq": robot.nq, "nv": robot.nv, "joints": robot.tree_joints, "bodies": robot.bodies,
@@ -180,6 +185,17 @@ class PolicyFilter:
         """
         session = self.controller(robot, dt, deadline=deadline).session(robot, dt, max_age=max_age, stuck=False)
         return PolicyFilterSession(self, session)
+
+
+def coupled(robot: Robot) -> tuple[Index, Mat]:
+    """Coordinates of joints without a motor ``(p,)``, and G ``(p, n)``: their rates are G times those of the motors'.
+
+    G of joints that no coupling of the robot's file determines is zero.
+    """
+    rows = [one.jacobian(robot.past(robot.home)) for one in robot.couplings if isinstance(one, JointCoupling)]
+    C = np.vstack([np.zeros((0, robot.nv)), *rows])
+    passive = np.setdiff1d(np.arange(6 if robot.floating else 0, robot.nv), robot.actuated)
+    return passive, -np.linalg.pinv(C[:, passive]) @ C[:, robot.actuated]
 
 
 @dataclass(frozen=True, eq=False)

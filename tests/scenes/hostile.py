@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from hqp.robots import Robot
+from hqp.tasks import JointCoupling
 
 DT = 0.002
 KINDS = ("positions", "velocities", "torques")
@@ -35,6 +36,9 @@ class Plant:
         elif robot.floating:
             self._model.gravity = pin.Motion.Zero()
         self._data = self._model.createData()
+        rows = [one.jacobian(robot.past(robot.home)) for one in robot.couplings if isinstance(one, JointCoupling)]
+        self._coupled = np.vstack([np.zeros((0, robot.nv)), *rows])
+        """Rows C of the file's couplings, C v = 0."""
 
     def move(self, command: Any) -> None:
         robot, own = self.robot, self.robot.actuated
@@ -50,9 +54,19 @@ class Plant:
                 angles = robot.past(self.q).angles[own]
                 tau[own] = self.servos.torque(command, angles + self.step * v, v)
             tau[own] += self.load
-            self.v = self.v + self.step * pin.aba(self._model, self._data, self.q, self.v, tau)
+            self.v = self.v + self.step * self._acceleration(tau)
             self.v[: 6 * self._stands] = 0.0
             self.q = pin.integrate(robot.model, self.q, self.step * self.v)
+
+    def _acceleration(self, tau: Any) -> Any:
+        """Of the coupled joints, by Gauss's principle from that of free ones."""
+        free = pin.aba(self._model, self._data, self.q, self.v, tau)
+        if not len(self._coupled):
+            return free
+        mobility = np.array(pin.computeMinverse(self._model, self._data, self.q))
+        mobility = np.triu(mobility) + np.triu(mobility, 1).T
+        C = self._coupled
+        return free - mobility @ C.T @ np.linalg.solve(C @ mobility @ C.T, C @ free)
 
 
 def hostile(rng: np.random.Generator, kind: str, robot: Robot, i: int) -> Any:

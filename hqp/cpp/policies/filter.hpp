@@ -25,6 +25,7 @@ class Filter {
         q_(count(p, "nq")),
         v_(count(p, "nv")),
         columns_(p.places("columns", v_.size())),
+        passive_(p.places("passive", v_.size())),
         kp_(p.numbers("kp")),
         motors_(kp_.size()),
         kd_(p.numbers("kd", motors_)),
@@ -33,7 +34,8 @@ class Filter {
         rounding_(p.numbers("rounding", motors_)),
         stiffening_(p.numbers("stiffening", columns_.size())),
         most_(p.numbers("most", columns_.size())),
-        first_(columns_.size() - std::min(motors_, columns_.size())) {
+        first_(columns_.size() - std::min(motors_, columns_.size())),
+        transmitted_(p.numbers("transmitted", passive_.size() * motors_)) {
     need(columns_.size() == motors_ + first_ && (first_ == 0 || first_ == 6), "a wrench has six numbers");
     before_q_ = middle_ = between_ = q_;
     before_v_ = mean_ = acceleration_ = forces_ = positions_ = v_;
@@ -141,18 +143,26 @@ class Filter {
   void estimate(InverseDynamics& model) {
     if (!sent_) return;
     for (std::size_t c = 0; c < v_.size(); ++c) mean_[c] = 0.5 * (before_v_[c] + v_[c]);
-    for (const int c : columns_) acceleration_[std::size_t(c)] = (v_[std::size_t(c)] - before_v_[std::size_t(c)]) / dt_;
+    for (const std::vector<int>* some : {&columns_, &passive_})
+      for (const int c : *some) acceleration_[std::size_t(c)] = (v_[std::size_t(c)] - before_v_[std::size_t(c)]) / dt_;
     model.kinematics().integrate(before_q_.data(), mean_.data(), 0.5 * dt_, between_.data());
     model.run(between_.data(), mean_.data(), acceleration_.data(), forces_.data());
     for (std::size_t k = 0; k < columns_.size(); ++k) {
       const std::size_t c = std::size_t(columns_[k]);
       double found = forces_[c] + stiffening_[k] * acceleration_[c];
-      if (k >= first_) found -= torque_[k - first_];
+      if (k >= first_) found += transmitted(k - first_) - torque_[k - first_];
       const double error = std::isfinite(found) ? within(found, -most_[k], most_[k]) - lacking_[k] : 0.0;
       rate_[k] += (1.0 - kept_) * (1.0 - kept_) * error;
       lacking_[k] = within(lacking_[k] + (1.0 - kept_ * kept_) * error + rate_[k], -most_[k], most_[k]);
     }
     if (first_) carry();
+  }
+  // Torque at a motor's joint that moves joints without a motor, by the couplings between them.
+  double transmitted(std::size_t motor) const {
+    double sum = 0.0;
+    for (std::size_t j = 0; j < passive_.size(); ++j)
+      if (const double share = transmitted_[j * motors_ + motor]) sum += share * forces_[std::size_t(passive_[j])];
+    return sum;
   }
   // Carry the wrench on a free base on by a period: it keeps its direction in the world.
   void carry() {
@@ -176,10 +186,12 @@ class Filter {
   double dt_, kept_;
   std::vector<double> q_, v_;
   std::vector<int> columns_;  // coordinates of a free base, then of the motors' joints
+  std::vector<int> passive_;  // coordinates of joints without a motor
   std::vector<double> kp_;
   std::size_t motors_;
   std::vector<double> kd_, effort_, largest_, rounding_, stiffening_, most_;
-  std::size_t first_;  // place of the first motor in columns_
+  std::size_t first_;                // place of the first motor in columns_
+  std::vector<double> transmitted_;  // rates of passive joints by those of the motors' joints (passive, motors)
 
   bool valid_ = false, begun_ = false, sent_ = false;
   std::vector<double> before_q_, before_v_, middle_, between_, mean_, acceleration_, forces_, positions_;
