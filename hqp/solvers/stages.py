@@ -11,7 +11,7 @@ import numpy as np
 
 from hqp.arrays import Signs, Vec
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import Described, OneThread, check_shape, finish, require_hierarchy
+from hqp.solvers.base import UNSURE, Described, OneThread, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACCURATE,
@@ -151,7 +151,8 @@ class StagedWorkspace:
         """
         status, x = exact.status, exact.x
         near = status.solved or (status is Status.NOT_CERTIFIED and self._has_prices and self.native.unpriced_met(x))
-        return near and bool(self.native.follow(x))
+        unsure = status is Status.RANK_UNCERTAIN or exact.detail == UNSURE
+        return near and bool(self.native.follow(x, unsure))
 
     def _staged(self, problem: Hierarchy, exact: Stats, others: Sequence[Callable[[], Solution]] = ()) -> Solution:
         """The answer of the latest stages; if stopped early, a point that satisfies the rows of the levels above.

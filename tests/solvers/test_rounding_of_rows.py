@@ -315,3 +315,22 @@ def test_noise_moves_no_certain_answer_out_of_a_narrow_wedge() -> None:
         one, other = (answer.x for answer in answers)
         assert np.abs(one - other).max() < 1e-4 * np.abs(one).max(), seed
     assert certain > 60
+
+
+def test_values_of_an_uncertain_answer_make_the_levels_below_uncertain() -> None:
+    """Rows of all levels repeat two but for 1e-11 to 1e-5; the second level, without a price, conflicts in itself."""
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(170):
+        rng = np.random.default_rng(seed)
+        n, levels = int(rng.integers(5, 10)), []
+        seen = rng.normal(size=(2, n))
+        for k in range(4):
+            m = int(rng.integers(1, 5))
+            A = seen[rng.integers(len(seen), size=m)] * rng.choice([-1.0, 1.0, 2.0], size=(m, 1))
+            A = A + 10.0 ** rng.uniform(-11.0, -5.0, size=(m, 1)) * rng.normal(size=(m, n))
+            seen, b = np.vstack([seen, A]), rng.normal(size=m)
+            levels.append(Rows(A, b if k in (1, 3) else np.full(m, -np.inf), b))
+        low = [-3.0, -2.0, -2.0]
+        prices = np.insert(10.0 ** rng.uniform(low, 0.0), 1, 0.0)
+        certain += is_certain(solver, Hierarchy(tuple(levels), 4, prices=prices, turning=np.ones(4)), seed)
+    assert certain > 60

@@ -8,6 +8,7 @@ namespace hqp {
 
 struct Solved {
   int outcome = 0, iterations = 0, factorisations = 0, judged = 0;
+  bool unsure = false;  // a rank was uncertain
   double before = 0.0;  // time of the rows' last steps ahead of the solve [s]
   // x and slacks, marks, and points of stages, where they are not those of the workspace that was bound.
   const double* values = nullptr;

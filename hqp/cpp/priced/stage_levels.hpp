@@ -50,6 +50,8 @@ class StageLevels final : public PricedStages {
       if (!(law_.prices[k] > 0.0) && !levels_.met(k, x)) return false;
     return true;
   }
+  // It is doubtful if a level left what x misses of it.
+  void mistrust() override { inexact_ = inexact_ || left_unmet_; }
   void reset() override { stage_.reset(), settled_.forget(); }
   void only_once() override { settled_.only_once(); }
   void keep(CarryOver& warm) override { stage_.keep(warm), settled_.keep(warm); }
@@ -84,7 +86,10 @@ class StageLevels final : public PricedStages {
         const bool usable = levels_.measure();
         motions_.rounding(stage_.find_rounding());
         if (!usable) return -2;
-        for (int l = 0; l < k; ++l) above_.leave(l, x);
+        for (int l = 0; l < k; ++l) {
+          above_.leave(l, x);
+          left_unmet_ = left_unmet_ || (x && !(law_.prices[l] > 0.0) && !levels_.met(l, x));
+        }
       }
       if (settled) {
         above_.leave(k, x);
@@ -151,7 +156,7 @@ class StageLevels final : public PricedStages {
     motions_.set(law_.F, law_.f, law_.r);
     motions_.rounding(0.0);
     above_.begin(), stage_.begin();
-    inexact_ = far_ = false, completed_ = 0;
+    inexact_ = left_unmet_ = far_ = false, completed_ = 0;
   }
 
   // Return true if the levels above k, of which x_ keeps to all rows, are met for their prices.
@@ -170,7 +175,8 @@ class StageLevels final : public PricedStages {
   int n_, last_ = -1;  // last_: the last level that may have a price
   int completed_ = 0;  // iterations of the completion
   bool inexact_ = false;
-  bool far_ = false;  // an unmet level left its values too far from the answer
+  bool left_unmet_ = false;  // a level without a price handed down what the answer x misses of it
+  bool far_ = false;         // an unmet level left its values too far from the answer
   Law law_;
   Completion completion_;
   Tolerances tolerances_;

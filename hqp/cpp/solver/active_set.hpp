@@ -140,7 +140,7 @@ class ActiveSet {
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
     if (!found) return;
-    if (conditions_.magnifies()) doubt();  // x is not of the tableau
+    if (conditions_.closest < kEither * kEither || conditions_.magnifies()) doubt();  // x is not of the tableau
     doubt_forces();
   }
 
@@ -166,9 +166,11 @@ class ActiveSet {
 
   // An optimum that rests on an unclear rank is uncertain, unless the data's last digits do not move it.
   void doubt() {
-    if (problem_.tableau.closest >= kEither * kEither && !conditions_.magnifies()) return;
-    settled = !moves();
-    if (!settled) state.outcome = Outcome::rank_uncertain;
+    const bool unclear = smaller(problem_.tableau.closest, conditions_.closest) < kEither * kEither;
+    if (!unclear && !conditions_.magnifies()) return;
+    const bool still = !moves();
+    settled = unclear && still;
+    if (!still) state.outcome = Outcome::rank_uncertain;
   }
 
   // An optimum is uncertain if it is one only because of rows whose forces are smaller than its allowed gap: nearly

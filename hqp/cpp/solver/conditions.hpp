@@ -104,10 +104,8 @@ struct Conditions {
   // and counts as often as the multipliers have it.
   double allowed() const { return kViolated + smaller(kTurned, kRounding * (1.0 / shortest + forces_)); }
 
-  // Return true if the data's last digits may move the point that was judged.
-  bool magnifies() const {
-    return closest < kEither * kEither || shortest < kUncertain || strongest * kUncertain > 1.0;
-  }
+  // Return true if directions or multipliers may let the data's last digits move the point that was judged.
+  bool magnifies() const { return shortest < kUncertain || strongest * kUncertain > 1.0; }
 
   // Return the relative remainder of the level's gradient after subtracting the best multipliers of the active rows.
   double gap_of(int k) {
