@@ -30,7 +30,6 @@ class Filters {
   }
   void reset(std::size_t i) { batch_.reset(i), filters_[i]->reset(); }
   Batch& batch() { return batch_; }
-  const Batch& batch() const { return batch_; }
 
  private:
   Batch batch_;

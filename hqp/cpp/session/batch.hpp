@@ -109,6 +109,13 @@ class Batch {
     change(*sessions_[0]);
     sessions_[0]->store(worlds_[i]);
   }
+  void stop(std::size_t i, const std::string& reason) {
+    change(i, [&](Stacks& session) { session.current().halt().stop(reason); });
+  }
+  void resume(std::size_t i) {
+    change(i, [](Stacks& session) { session.current().halt().resume(); });
+  }
+  Batch& batch() { return *this; }
   std::size_t count() const { return worlds_.size(); }
   std::size_t threads() const { return sessions_.size(); }
   Stacks& session(std::size_t thread = 0) { return *sessions_[thread]; }

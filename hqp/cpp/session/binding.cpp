@@ -121,219 +121,155 @@ using Table = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::c
 using OutTable = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Statuses = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-class Worlds {
+// Worlds over threads: sessions alone, with walkers or with filters.
+template <class Many>
+class WorldsOf {
  public:
-  Worlds(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
-      : batch_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
-  Worlds(const Worlds&) = delete;
+  WorldsOf(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
+      : many_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
+  WorldsOf(const WorldsOf&) = delete;
+
+  void reset(std::size_t i) { many_.reset(checked(i)); }
+  // Lengths of command and x, and number of levels.
+  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
+    const hqp::Stacks& session = many_.batch().session();
+    return {session.tick().command().size(), session.tick().x().size(), session.levels()};
+  }
+  std::tuple<int, int> state() {
+    const hqp::Line& line = many_.batch().session().current().line();
+    return {line.nq(), line.nv()};
+  }
+  std::size_t count() { return many_.batch().count(); }
+  std::size_t threads() { return many_.batch().threads(); }
+  nb::tuple counters() { return counters_of(many_.batch().counters()); }
+
+ protected:
+  std::size_t checked(std::size_t i) {
+    if (i >= count())
+      throw nb::index_error(("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(count() - 1)).c_str());
+    return i;
+  }
+  template <class Table>
+  bool fits(const Table& table, std::size_t width) {
+    return table.shape(0) == count() && table.shape(1) == width;
+  }
+  // Throw unless each array has a row for each world.
+  void require(const Table& q, const Table& v, const OutTable& commands, const Statuses& status,
+               const OutTable& residuals, const OutTable& x, bool others = true) {
+    const auto [motors, variables, levels] = sizes();
+    const auto [nq, nv] = state();
+    if (!fits(q, std::size_t(nq)) || !fits(v, std::size_t(nv)) || !fits(commands, motors) || !fits(residuals, levels) ||
+        !fits(x, variables) || status.shape(0) != count() || !others)
+      throw nb::value_error("an array has the wrong number of worlds or columns");
+  }
+
+  Many many_;
+};
+
+class Worlds : public WorldsOf<hqp::Batch> {
+ public:
+  using WorldsOf::WorldsOf;
 
   // Notes of the worlds, if they are wanted.
   std::vector<std::vector<NoteRecord>> step(const Table& q, const Table& v,
                                             const std::vector<std::tuple<std::string, int, Table>>& targets,
                                             const OutTable& commands, const Statuses& status, const OutTable& residuals,
                                             const OutTable& x, bool noted) {
-    const hqp::Stacks& session = batch_.session();
-    const auto [motors, variables, levels] = sizes();
-    const auto fits = [&](std::size_t rows, std::size_t width, std::size_t needed) {
-      return rows == batch_.count() && width == needed;
-    };
-    if (!fits(q.shape(0), q.shape(1), std::size_t(std::get<0>(state()))) ||
-        !fits(v.shape(0), v.shape(1), std::size_t(std::get<1>(state()))) ||
-        !fits(commands.shape(0), commands.shape(1), motors) || !fits(residuals.shape(0), residuals.shape(1), levels) ||
-        !fits(x.shape(0), x.shape(1), variables) || status.shape(0) != batch_.count())
-      throw nb::value_error("an array has the wrong number of worlds or columns");
+    require(q, v, commands, status, residuals, x);
+    const hqp::Stacks& session = many_.session();
     std::vector<hqp::BatchTarget> converted;
     for (const auto& [name, what, values] : targets) {
       const std::size_t element = session.element(name), size = session.width(element, what);
-      if (!fits(values.shape(0), values.shape(1), size))
-        throw hqp::ReferenceError(name + ": targets must have shape (" + std::to_string(batch_.count()) + ", " +
+      if (!fits(values, size))
+        throw hqp::ReferenceError(name + ": targets must have shape (" + std::to_string(count()) + ", " +
                                   std::to_string(size) + "), given (" + std::to_string(values.shape(0)) + ", " +
                                   std::to_string(values.shape(1)) + ")");
       converted.push_back({element, what, values.data(), size});
     }
-    std::vector<std::vector<NoteRecord>> notes(noted ? batch_.count() : 0);
+    std::vector<std::vector<NoteRecord>> notes(noted ? count() : 0);
     const nb::gil_scoped_release release;
-    batch_.step(q.data(), v.data(), converted, commands.data(), status.data(), residuals.data(), x.data(),
-                noted ? notes.data() : nullptr);
+    many_.step(q.data(), v.data(), converted, commands.data(), status.data(), residuals.data(), x.data(),
+               noted ? notes.data() : nullptr);
     return notes;
   }
-  void reset(std::size_t i) {
-    require(i);
-    batch_.reset(i);
-  }
   void begin(std::size_t i, const Vector& command, const std::optional<Vector>& q, const std::optional<Vector>& v) {
-    require(i);
     const auto [nq, nv] = state();
     if (command.size() != std::get<0>(sizes()) || (q && q->size() != std::size_t(nq)) ||
         (v && v->size() != std::size_t(nv)))
       throw nb::value_error("command, q or v: wrong shape");
-    batch_.change(i, [&](hqp::Stacks& session) {
+    many_.change(checked(i), [&](hqp::Stacks& session) {
       session.begin(command.data(), q ? q->data() : nullptr, v ? v->data() : nullptr);
     });
   }
-  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
-    const hqp::Tick& tick = batch_.session().tick();
-    return {tick.command().size(), tick.x().size(), batch_.session().levels()};
-  }
   void change(std::size_t i, const std::string& stack, double over) {
-    require(i);
-    batch_.change(i, [&](hqp::Stacks& session) { session.change(stack, over); });
+    many_.change(checked(i), [&](hqp::Stacks& session) { session.change(stack, over); });
   }
-  void stop(std::size_t i, const std::string& reason) {
-    require(i);
-    batch_.change(i, [&](hqp::Stacks& session) { session.current().halt().stop(reason); });
-  }
-  void resume(std::size_t i) {
-    require(i);
-    batch_.change(i, [&](hqp::Stacks& session) { session.current().halt().resume(); });
-  }
-  std::tuple<int, int> state() {
-    const hqp::Line& line = batch_.session().current().line();
-    return {line.nq(), line.nv()};
-  }
+  void stop(std::size_t i, const std::string& reason) { many_.stop(checked(i), reason); }
+  void resume(std::size_t i) { many_.resume(checked(i)); }
   // q + dt v of all worlds, out may be q.
   void integrate(const Table& q, const Table& v, double dt, const OutTable& out) {
-    const hqp::Line& line = batch_.session().current().line();
-    const std::size_t nq = std::size_t(line.nq()), nv = std::size_t(line.nv()), count = batch_.count();
-    if (q.shape(0) != count || v.shape(0) != count || out.shape(0) != count || q.shape(1) != nq || v.shape(1) != nv ||
-        out.shape(1) != nq)
+    const hqp::Line& line = many_.session().current().line();
+    const std::size_t nq = std::size_t(line.nq()), nv = std::size_t(line.nv());
+    if (!fits(q, nq) || !fits(v, nv) || !fits(out, nq))
       throw nb::value_error("an array has the wrong number of worlds or columns");
-    for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t i = 0; i < count(); ++i)
       line.kinematics()->integrate(q.data() + i * nq, v.data() + i * nv, dt, out.data() + i * nq);
   }
   const char* kind() {
-    const hqp::Line& line = batch_.session().current().line();
+    const hqp::Line& line = many_.session().current().line();
     return line.torque() ? "torque" : line.order() == 1 ? "velocity" : "acceleration";
   }
-  nb::tuple counters() const { return counters_of(batch_.counters()); }
-  std::size_t threads() const { return batch_.threads(); }
-  std::size_t bytes() const { return batch_.bytes(); }
-
- private:
-  void require(std::size_t i) const {
-    if (i >= batch_.count())
-      throw nb::index_error(
-          ("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(batch_.count() - 1)).c_str());
-  }
-
-  hqp::Batch batch_;
+  std::size_t bytes() const { return many_.bytes(); }
 };
 
-// Worlds with a walker each.
-class WalkingWorlds {
+class WalkingWorlds : public WorldsOf<hqp::Walkers> {
  public:
-  WalkingWorlds(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
-      : walkers_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
-  WalkingWorlds(const WalkingWorlds&) = delete;
+  using WorldsOf::WorldsOf;
 
   void step(const Table& q, const Table& v, const std::optional<Table>& loads, const OutTable& commands,
             const Statuses& status, const OutTable& residuals, const OutTable& x) {
-    const auto [motors, variables, levels] = sizes();
-    const auto [nq, nv] = state();
-    const auto fits = [&](const auto& table, std::size_t width) {
-      return table.shape(0) == walkers_.batch().count() && table.shape(1) == width;
-    };
-    if (!fits(q, std::size_t(nq)) || !fits(v, std::size_t(nv)) || (loads && !fits(*loads, 2)) ||
-        !fits(commands, motors) || !fits(residuals, levels) || !fits(x, variables) ||
-        status.shape(0) != walkers_.batch().count())
-      throw nb::value_error("an array has the wrong number of worlds or columns");
+    require(q, v, commands, status, residuals, x, !loads || fits(*loads, 2));
     const nb::gil_scoped_release release;
-    walkers_.step(q.data(), v.data(), loads ? loads->data() : nullptr, commands.data(),
-                  {status.data(), residuals.data(), x.data()});
+    many_.step(q.data(), v.data(), loads ? loads->data() : nullptr, commands.data(),
+               {status.data(), residuals.data(), x.data()});
   }
-  void go(std::size_t i, double forward, double left, double turn) { walkers_.go(checked(i), {forward, left, turn}); }
-  void stop(std::size_t i) { walkers_.stop(checked(i)); }
-  void halt(std::size_t i, const std::string& reason) { walkers_.halt(checked(i), reason); }
-  void resume(std::size_t i) { walkers_.resume(checked(i)); }
-  void reset(std::size_t i) { walkers_.reset(checked(i)); }
-  std::vector<std::string> why(std::size_t i) const { return walkers_.walker(checked(i)).why(); }
-  std::vector<int> phases() const {
+  void go(std::size_t i, double forward, double left, double turn) { many_.go(checked(i), {forward, left, turn}); }
+  void stop(std::size_t i) { many_.stop(checked(i)); }
+  void halt(std::size_t i, const std::string& reason) { many_.halt(checked(i), reason); }
+  void resume(std::size_t i) { many_.resume(checked(i)); }
+  std::vector<std::string> why(std::size_t i) { return many_.walker(checked(i)).why(); }
+  std::vector<int> phases() {
     std::vector<int> found;
-    for (std::size_t i = 0; i < count(); ++i) found.push_back(int(walkers_.walker(i).state().phase));
+    for (std::size_t i = 0; i < count(); ++i) found.push_back(int(many_.walker(i).state().phase));
     return found;
   }
-  std::vector<std::string> supports() const {
+  std::vector<std::string> supports() {
     std::vector<std::string> found;
-    for (std::size_t i = 0; i < count(); ++i) found.emplace_back(walkers_.walker(i).support());
+    for (std::size_t i = 0; i < count(); ++i) found.emplace_back(many_.walker(i).support());
     return found;
   }
-  std::vector<std::tuple<double, double, double>> velocities() const {
+  std::vector<std::tuple<double, double, double>> velocities() {
     std::vector<std::tuple<double, double, double>> found;
     for (std::size_t i = 0; i < count(); ++i) {
-      const hqp::Command& command = walkers_.walker(i).state().command;
+      const hqp::Command& command = many_.walker(i).state().command;
       found.emplace_back(command.forward, command.left, command.turn);
     }
     return found;
   }
-  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
-    const hqp::Stacks& session = walkers_.batch().session();
-    return {session.tick().command().size(), session.tick().x().size(), session.levels()};
-  }
-  std::tuple<int, int> state() {
-    const hqp::Line& line = walkers_.batch().session().current().line();
-    return {line.nq(), line.nv()};
-  }
-  std::size_t count() const { return walkers_.count(); }
-  std::size_t threads() const { return walkers_.threads(); }
-  nb::tuple counters() const { return counters_of(walkers_.counters()); }
-
- private:
-  std::size_t checked(std::size_t i) const {
-    if (i >= count())
-      throw nb::index_error(("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(count() - 1)).c_str());
-    return i;
-  }
-
-  hqp::Walkers walkers_;
 };
 
-// Worlds with a filter each.
-class FilteredWorlds {
+class FilteredWorlds : public WorldsOf<hqp::Filters> {
  public:
-  FilteredWorlds(const nb::bytes& file, std::size_t count, std::size_t threads, const nb::bytes& key)
-      : filters_(std::make_shared<const hqp::Plan>(text(file), text(key)), count, threads) {}
-  FilteredWorlds(const FilteredWorlds&) = delete;
+  using WorldsOf::WorldsOf;
 
   void step(const Table& q, const Table& v, const Table& policy, const OutTable& commands, const Statuses& status,
             const OutTable& residuals, const OutTable& x) {
-    const auto [motors, variables, levels] = sizes();
-    const auto [nq, nv] = state();
-    const auto fits = [&](const auto& table, std::size_t width) {
-      return table.shape(0) == count() && table.shape(1) == width;
-    };
-    if (!fits(q, std::size_t(nq)) || !fits(v, std::size_t(nv)) || !fits(policy, motors) || !fits(commands, motors) ||
-        !fits(residuals, levels) || !fits(x, variables) || status.shape(0) != count())
-      throw nb::value_error("an array has the wrong number of worlds or columns");
+    require(q, v, commands, status, residuals, x, fits(policy, std::get<0>(sizes())));
     const nb::gil_scoped_release release;
-    filters_.step(q.data(), v.data(), policy.data(), commands.data(), {status.data(), residuals.data(), x.data()});
+    many_.step(q.data(), v.data(), policy.data(), commands.data(), {status.data(), residuals.data(), x.data()});
   }
-  void stop(std::size_t i, const std::string& reason) {
-    filters_.batch().change(checked(i), [&](hqp::Stacks& session) { session.current().halt().stop(reason); });
-  }
-  void resume(std::size_t i) {
-    filters_.batch().change(checked(i), [](hqp::Stacks& session) { session.current().halt().resume(); });
-  }
-  void reset(std::size_t i) { filters_.reset(checked(i)); }
-  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
-    const hqp::Stacks& session = filters_.batch().session();
-    return {session.tick().command().size(), session.tick().x().size(), session.levels()};
-  }
-  std::tuple<int, int> state() {
-    const hqp::Line& line = filters_.batch().session().current().line();
-    return {line.nq(), line.nv()};
-  }
-  std::size_t count() const { return filters_.batch().count(); }
-  std::size_t threads() const { return filters_.batch().threads(); }
-  nb::tuple counters() const { return counters_of(filters_.batch().counters()); }
-
- private:
-  std::size_t checked(std::size_t i) const {
-    if (i >= count())
-      throw nb::index_error(("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(count() - 1)).c_str());
-    return i;
-  }
-
-  hqp::Filters filters_;
+  void stop(std::size_t i, const std::string& reason) { many_.batch().stop(checked(i), reason); }
+  void resume(std::size_t i) { many_.batch().resume(checked(i)); }
 };
 
 }  // namespace

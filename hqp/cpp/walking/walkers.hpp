@@ -44,19 +44,13 @@ class Walkers {
     walkers_[i]->stop(), stopping_[i] = reason;
     if (!walkers_[i]->state().started) batch_.change(i, [&](Stacks& session) { end(session, i); });
   }
-  void resume(std::size_t i) {
-    stopping_[i].clear();
-    batch_.change(i, [](Stacks& session) { session.current().halt().resume(); });
-  }
+  void resume(std::size_t i) { stopping_[i].clear(), batch_.resume(i); }
   void reset(std::size_t i) {
     batch_.reset(i), stopping_[i].clear();
     walkers_[i] = walker_of(plan_);
   }
   const Walker& walker(std::size_t i) const { return *walkers_[i]; }
   Batch& batch() { return batch_; }
-  std::size_t count() const { return walkers_.size(); }
-  std::size_t threads() const { return batch_.threads(); }
-  Counts counters() const { return batch_.counters(); }
 
  private:
   void end(Stacks& session, std::size_t i) {  // a walk that is to end has ended
