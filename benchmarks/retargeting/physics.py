@@ -38,6 +38,9 @@ RAISED = 0.02
 PLATE = 0.15, 0.12, 0.01
 """Half its length, width and thickness [m]."""
 
+FEET = 2
+"""Bit of the plates, which feet alone touch: a clip does not say how far a box reaches around its places."""
+
 EACH = 10
 """Ticks between two comparisons of the links with the reference's."""
 
@@ -128,9 +131,15 @@ class Tracking:
         self.off: list[float] = []
 
     def _furnish(self, spec: Any) -> None:
+        for foot in self.feet:
+            site = spec.site(foot.frame)
+            for geom in (spec.body(foot.frame) if site is None else site.parent).geoms:
+                geom.conaffinity |= FEET
         for x, y, z in plates(self.targets):
             place, friction = (x, y, z - PLATE[2]), (FRICTION, 0.005, 0.0001)
-            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, friction=friction)
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, friction=friction, contype=FEET, conaffinity=0
+            )
 
         for one, other in _neighbours(spec):
             spec.add_exclude(bodyname1=one, bodyname2=other)
