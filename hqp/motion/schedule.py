@@ -11,7 +11,7 @@ from hqp.arrays import Mat, Vec
 
 from .body import Body
 from .clip import low_pass
-from .contacts import Contacts, Mask, runs, smooth
+from .contacts import BESIDE, LEVEL, Contacts, Mask, runs, smooth
 from .joints import SIDES
 from .smoothing import LIVELY
 from .targets import Targets, turned
@@ -145,40 +145,68 @@ def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
     """
     places, axes, edge = dict(targets.places), dict(targets.axes), {}
     resting, ground = dict(targets.contacts.resting), dict(targets.contacts.ground)
-    for k, side in enumerate(SIDES):
-        sole, foot, mask = f"{side}_sole", f"{side}_foot", schedule.stands[:, k]
-        places[sole], axes[sole], ground[foot] = _grounded(targets, body, side, mask)
-        edge[side], resting[foot] = np.zeros(len(targets), dtype=np.int8), mask
+    feet = [_Foot(targets, body, side, schedule.stands[:, k]) for k, side in enumerate(SIDES)]
+    heights = iter(levelled(np.vstack([foot.spots for foot in feet]), body.leg))
+    for side, foot in zip(SIDES, feet, strict=True):
+        foot.spots[:, 2] = [next(heights) for _ in foot.spots]
+        sole, name = f"{side}_sole", f"{side}_foot"
+        places[sole], axes[sole], ground[name] = foot.placed()
+        edge[side], resting[name] = np.zeros(len(targets), dtype=np.int8), foot.mask
     return replace(targets, places=places, axes=axes, edge=edge, contacts=Contacts(resting, ground))
 
 
-def _grounded(targets: Targets, body: Body, side: str, mask: Mask) -> tuple[Mat, Mat, Vec]:
-    """Places ``(T, 3)`` and axes ``(T, 3, 3)`` of a sole that stands by a mask, and the height under it ``(T,)``."""
-    frames, rest = len(targets), targets.contacts.resting[f"{side}_foot"]
-    home = body.axes[f"{side}_sole"]
-    R = targets.axes[f"{side}_sole"] @ home.T
-    yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
-    tilt = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
-    flat = (1.0 - smooth(mask, targets.fps, FLATTENS)) * tilt
-    pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
-    place = targets.places[f"{side}_sole"] + np.einsum("tij,tj->ti", R - turned(yaw, flat), pivot)
-    shift, turn, level = np.zeros((frames, 3)), np.zeros(frames), np.zeros(frames)
-    for first, last in runs(mask):
-        known = first + np.flatnonzero(rest[first:last])
-        used = known if known.size else np.arange(first, last)
-        height = float(np.median(targets.contacts.ground[f"{side}_foot"][known])) if known.size else 0.0
-        above = float(np.median(place[known, 2])) if height > 0.0 else 0.0
-        spot = np.array([*np.median(place[used, :2], axis=0), above])
-        level[first:last], shift[first:last] = height, spot - place[first:last]
-        turn[first:last] = float(np.median(yaw[used])) - yaw[first:last]
-    stands, every = np.flatnonzero(mask), np.arange(frames)
-    if stands.size:
-        shift = np.column_stack([np.interp(every, stands, shift[stands, j]) for j in range(3)])
-        turn = np.interp(every, stands, turn[stands])
-    place = place + shift
-    for first, last in runs(~mask):
-        if first > 0 and last < frames:
-            s = (np.arange(first, last) - first + 1) / (last - first + 1)
-            straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
-            place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
-    return place, turned(yaw + turn, flat) @ home, level
+def levelled(spots: Mat, leg: float) -> Vec:
+    """Heights of places on the ground ``(n, 3)``: less than ``LEVEL`` and ``BESIDE`` apart they have one, their median.
+
+    The nearest are joined first, and only with all others of theirs as near: on a ramp they do not become one.
+    """
+    if len(spots) < 2:
+        return np.array(spots[:, 2])
+    from scipy.cluster import hierarchy
+    from scipy.spatial.distance import pdist
+
+    apart = np.maximum(pdist(spots[:, 2:]) / LEVEL, pdist(spots[:, :2]) / BESIDE) / leg
+    group = hierarchy.fcluster(hierarchy.complete(apart), 1.0, "distance")
+    return np.array([np.median(spots[group == own, 2]) for own in group])
+
+
+class _Foot:
+    """A foot that stands flat by a mask.  spots: its places ``(n, 3)``, one for each stance, 0 high on the floor."""
+
+    def __init__(self, targets: Targets, body: Body, side: str, mask: Mask) -> None:
+        self.mask, self._fps, self._home = mask, targets.fps, body.axes[f"{side}_sole"]
+        rest, ground = targets.contacts.resting[f"{side}_foot"], targets.contacts.ground[f"{side}_foot"]
+        R = targets.axes[f"{side}_sole"] @ self._home.T
+        self._yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+        tilt = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
+        self._tilt = (1.0 - smooth(mask, targets.fps, FLATTENS)) * tilt
+        pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
+        lowered = np.einsum("tij,tj->ti", R - turned(self._yaw, self._tilt), pivot)
+        self._place = targets.places[f"{side}_sole"] + lowered
+        self._stances, self.spots, self._headings = runs(mask), np.zeros((0, 3)), []
+        for first, last in self._stances:
+            known = first + np.flatnonzero(rest[first:last])
+            used = known if known.size else np.arange(first, last)
+            high = known.size and float(np.median(ground[known])) > 0.0
+            above = float(np.median(self._place[known, 2])) if high else 0.0
+            self.spots = np.vstack((self.spots, [*np.median(self._place[used, :2], axis=0), above]))
+            self._headings.append(float(np.median(self._yaw[used])))
+
+    def placed(self) -> tuple[Mat, Mat, Vec]:
+        """Places ``(T, 3)`` and axes ``(T, 3, 3)`` of the sole at its spots, and the height under it ``(T,)``."""
+        frames = len(self.mask)
+        shift, turn, level = np.zeros((frames, 3)), np.zeros(frames), np.zeros(frames)
+        for (first, last), spot, heading in zip(self._stances, self.spots, self._headings, strict=True):
+            here = slice(first, last)
+            level[here], shift[here], turn[here] = spot[2], spot - self._place[here], heading - self._yaw[here]
+        stands, every = np.flatnonzero(self.mask), np.arange(frames)
+        if stands.size:
+            shift = np.column_stack([np.interp(every, stands, shift[stands, j]) for j in range(3)])
+            turn = np.interp(every, stands, turn[stands])
+        place = self._place + shift
+        for first, last in runs(~self.mask):
+            if first > 0 and last < frames:
+                s = (np.arange(first, last) - first + 1) / (last - first + 1)
+                straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
+                place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
+        return place, turned(self._yaw + turn, self._tilt) @ self._home, level
