@@ -23,18 +23,22 @@ OUT, OUT_SQUARED = 10.0, 1e-3
 GRIP = 0.5
 """Largest horizontal force of a sole along two directions, as a share of its load."""
 
-SINKING, RISING = 0.6, 1.5
-"""Largest downward and upward acceleration of the CoM while a sole stands, as shares of g."""
+SINKING = 0.6
+"""Largest downward acceleration of the CoM while a sole stands, as a share of g."""
 
 SOLVERS = ("clarabel", "piqp", "proxqp", "osqp")
 """Solvers of sparse quadratic programs, in the order in which qpsolvers is searched for them."""
 
 
 class Support(NamedTuple):
-    """A sole that stands: its convex outline from above, counter-clockwise ``(m, 2)``, and its height [m]."""
+    """A sole that stands: its convex outline from above, counter-clockwise ``(m, 2)``, and its height [m].
+
+    strength: largest load of its leg over the robot's mass [m/s^2].
+    """
 
     corners: Mat
     height: float
+    strength: float = np.inf
 
     @property
     def edges(self) -> tuple[Mat, Vec]:
@@ -96,12 +100,13 @@ def centroidal_plan(
 ) -> CentroidalPlan:
     """Plan the CoM c of n nodes, dt [s] apart, by two convex quadratic programs with the jerk as input.
 
-    First the height z, free fall without a sole, at most ``highest`` ``(n,)`` [m] where the legs reach; then, with that
-    height, x and y, and for each sole j its share l_j of the load, r_j = l_j p_j with the centre of pressure p_j, and
-    its part a_j of the acceleration:
+    First the height z, free fall without a sole, at most ``highest`` ``(n,)`` [m] where the legs reach, and rising no
+    faster than the legs together push; then, with that height, x and y, and for each sole j its share l_j of the load,
+    at most that of its leg, r_j = l_j p_j with the centre of pressure p_j, and its part a_j of the acceleration:
 
         min sum |c - com|^2 + ``JERK`` |dddc/dt|^2 dt + ``STEADY`` |p_k+1 - p_k|^2 + ``OUT`` s
-        s.t. N_j r_j <= l_j b_j + s,  |a_j| <= ``GRIP`` l_j (ddz/dt + g),  sum l_j = 1,  sum a_j = ddc/dt,
+        s.t. N_j r_j <= l_j b_j + s,  |a_j| <= ``GRIP`` l_j (ddz/dt + g),  l_j (ddz/dt + g) <= strength_j,
+             sum l_j = 1,  sum a_j = ddc/dt,
              p = sum r_j = c - sum (z - z_j) a_j / (ddz/dt + g) + (-dL_y/dt, dL_x/dt) / (m (ddz/dt + g))
 
     and the DCM of the last node between its soles, so that the robot can stop.  com ``(n, 3)`` [m], supports: the
@@ -110,7 +115,7 @@ def centroidal_plan(
     a solver (Kajita et al. 2003, there with the ZMP tracked; Winkler et al. 2017, vertical motion first).
     """
     n = len(com) - 1
-    z = _height(com[:, 2], np.array([not soles for soles in supports]), dt, gravity, highest)
+    z = _height(com[:, 2], supports, dt, gravity, highest)
     spin = np.zeros((n + 1, 2)) if spin is None else spin
     push = np.maximum(z[:, 2] + gravity, 1e-3)
     size, nodes = 4 * n + 3, 3 * np.arange(n + 1)  # variables of an axis: p, v, a of each node, then n jerks
@@ -132,8 +137,10 @@ def centroidal_plan(
         lower.append(least)
         upper.append(most)
 
-    def inside(soles: Soles, first: int, point: list[tuple[list[int], list[float]]], shift: Vec, free: int) -> None:
-        """Bound a point, the sum of terms by axis, and the shares of the soles."""
+    def inside(
+        soles: Soles, first: int, point: list[tuple[list[int], list[float]]], shift: Vec, free: int, load: float
+    ) -> None:
+        """Bound a point, the sum of terms by axis, and the shares of the soles in a load."""
         begin = [first + 5 * j for j in range(len(soles) - 1)]
         normals, offsets = soles[0].edges
         for normal, offset in zip(normals, offsets, strict=True):
@@ -142,12 +149,13 @@ def centroidal_plan(
                 columns += [*own, *(b + 1 + k for b in begin)]
                 values += [*(normal[k] * f for f in factors), *[-normal[k]] * len(begin)]
             bound(columns, values, offset - normal @ shift)
-        for b, sole in zip(begin, soles[1:], strict=True):
-            bound([b], [1.0], 1.0, 0.0)
+        most = _shares(soles, load)
+        for b, sole, share in zip(begin, soles[1:], most[1:], strict=True):
+            bound([b], [1.0], share, 0.0)
             for normal, offset in zip(*sole.edges, strict=True):
                 bound([b + 1, b + 2, b, free], [*normal, -offset, -1.0], 0.0)
-        if len(begin) > 1:
-            bound(begin, [1.0] * len(begin), 1.0)
+        if len(begin) > 1 or (begin and most[0] < 1.0):
+            bound(begin, [1.0] * len(begin), 1.0, 1.0 - most[0])
 
     for i, soles in enumerate(supports):
         place, force, begin = at + nodes[i], at + nodes[i] + 2, [*range(begins[i], begins[i + 1], 5)]
@@ -162,7 +170,7 @@ def centroidal_plan(
         point = [([place[k], force[k], *(b + 3 + k for b in begin)], [1.0, -lever, *above]) for k in (0, 1)]
         for columns, values in point:
             zmp.add(columns, values)
-        inside(soles, begins[i], point, shifts[i], slack[i])
+        inside(soles, begins[i], point, shifts[i], slack[i], push[i])
         grip = GRIP * push[i]
         for way in _ways(soles):
             for b in begin:
@@ -172,7 +180,7 @@ def centroidal_plan(
     if last := supports[-1]:
         level = float(np.mean([sole.height for sole in last]))
         time, end = np.sqrt(max(z[-1, 0] - level, 1e-3) / gravity), at + nodes[-1]
-        inside(last, begins[-2], [([end[k], end[k] + 1], [1.0, time]) for k in (0, 1)], np.zeros(2), slack[-1])
+        inside(last, begins[-2], [([end[k], end[k] + 1], [1.0, time]) for k in (0, 1)], np.zeros(2), slack[-1], gravity)
     sparse = _sparse()
     chain = _chain(n, dt)
     dynamics = sparse.hstack(
@@ -205,7 +213,13 @@ def _ways(soles: Soles) -> Mat:
     return np.array([one, two, -one, -two])
 
 
-def _height(z: Vec, flight: Any, dt: float, gravity: float, highest: Vec) -> Mat:
+def _shares(soles: Soles, load: float) -> list[float]:
+    """Largest share of a load over the mass [m/s^2] on each sole; together the soles carry it."""
+    most = [min(1.0, sole.strength / load) for sole in soles]
+    return [share / min(1.0, sum(most)) for share in most]
+
+
+def _height(z: Vec, supports: Sequence[Soles], dt: float, gravity: float, highest: Vec) -> Mat:
     """Height, its rate and its acceleration ``(n, 3)``, at most ``highest`` if free fall allows it."""
     sparse = _sparse()
     n = len(z) - 1
@@ -216,7 +230,8 @@ def _height(z: Vec, flight: Any, dt: float, gravity: float, highest: Vec) -> Mat
     every = sparse.eye(size + n + 1, format="csc")
     chain = sparse.hstack([_chain(n, dt), sparse.csc_matrix((3 * n, n + 1))])
     rows = sparse.vstack([chain, every[2:states:3], every[0:states:3] - every[size:]])
-    least, most = np.where(flight, -gravity, -SINKING * gravity), np.where(flight, -gravity, RISING * gravity)
+    least = np.where([not soles for soles in supports], -gravity, -SINKING * gravity)
+    most = np.maximum(least, [sum(sole.strength for sole in soles) - gravity for soles in supports])
     zero = np.zeros(3 * n)
     x = _solve(
         sparse.diags(weight), linear, rows,

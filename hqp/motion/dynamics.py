@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.declare.robot import Robot
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
 from hqp.tasks.support_polygon import hull
 
@@ -95,14 +95,15 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     own, spin = centroidal(robot, q, fps)
     each = max(1, int(fps / NODES))
     nodes, dt = slice(None, None, each), each / fps
-    supports = supports_of(tracker, q[nodes], stands[nodes], margin=True)
-    times = np.minimum(np.arange(len(q)) / fps, (len(supports) - 1) * dt)
+    places = supports_of(tracker, q[nodes], stands[nodes], margin=True)
+    times = np.minimum(np.arange(len(q)) / fps, (len(places) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
     course = tracker.carries = CarriedCourse(tracker, q)
 
     def once(before: Mat, reached: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
-        plan, highest, legs = None, np.full(len(supports), np.inf), _legs(tracker, before[nodes])
+        plan, highest, legs = None, np.full(len(places), np.inf), _legs(tracker, before[nodes])
+        supports = strong(tracker, places, before[nodes], stands[nodes])
         aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
             plan = centroidal_plan(aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
@@ -136,9 +137,7 @@ def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
     for i, at in enumerate(q):
         state = robot.state(at, v[i])
         com[i] = state.com()
-        momenta = state.momentum_map()[0]
-        mass = np.linalg.norm(momenta[:3, 0])  # a push of the base moves all of it
-        momentum[i] = momenta[3:5] @ v[i] / mass
+        momentum[i] = state.momentum_map()[0][3:5] @ v[i] / _mass(state)
     if len(q) > 12:
         com, momentum = low_pass(com, LIVELY, fps), low_pass(momentum, LIVELY, fps)
     torque: Any = np.gradient(momentum, axis=0)
@@ -160,6 +159,25 @@ def supports_of(tracker: Tracker, q: Mat, stands: Mask, *, margin: bool) -> list
                 soles.append(Support(points[hull(points[:, :2]), :2], float(points[:, 2].mean())))
         found.append(tuple(soles))
     return found
+
+
+def strong(tracker: Tracker, supports: list[Soles], q: Mat, stands: Mask) -> list[Soles]:
+    """Standing soles with the strength of their legs: the vertical force at a sole that the motors in q just hold."""
+    robot, stacks, found = tracker.robot, tracker.stacks, []
+    limits = robot.effort_limit[robot.actuated]
+    for soles, at, down in zip(supports, q, stands, strict=True):
+        state, strengths = robot.state(at), []
+        for side in (side for side, on in zip(SIDES, down, strict=True) if on):
+            ends = stacks.toes[side].jacobian(state), stacks.heels[side].jacobian(state)
+            lever = float(np.max(0.5 * np.abs(ends[0] + ends[1])[2, robot.actuated] / limits))
+            strengths.append(1.0 / lever / _mass(state) if lever > 0.0 else math.inf)
+        found.append(tuple(sole._replace(strength=most) for sole, most in zip(soles, strengths, strict=True)))
+    return found
+
+
+def _mass(state: State) -> float:
+    """Mass of the robot [kg]: a push of the base moves all of it."""
+    return float(np.linalg.norm(state.momentum_map()[0][:3, 0]))
 
 
 def _corners(body: Body, side: str, margin: bool) -> Mat:

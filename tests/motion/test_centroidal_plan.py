@@ -17,10 +17,10 @@ from hqp.errors import DeclarationError
 from hqp.motion import Retargeted, retarget
 from hqp.motion.body import Body
 from hqp.motion.centroidal import CentroidalPlan, Soles, Support, centroidal_plan, outside
-from hqp.motion.contacts import runs
-from hqp.motion.dynamics import supports_of, zmp_outside
+from hqp.motion.contacts import LEVEL, runs
+from hqp.motion.dynamics import strong, supports_of, zmp_outside
 from hqp.motion.joints import parts_of
-from hqp.motion.schedule import FLIGHT, LEAST, LEFT, RIGHT, _cheapest
+from hqp.motion.schedule import FLIGHT, LEAST, LEFT, RIGHT, _cheapest, levelled
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import targets_of
@@ -66,7 +66,9 @@ def _planned(seed: int, heading: float = 0.0, rise: float = 0.0) -> tuple[Centro
 
 
 def _lacks(soles: Soles, com: Vec, force: Vec, spin: Vec) -> float:
-    """Least moment over the mass that no forces at the corners of the soles give, with mu 0.8, by a linear program."""
+    """Least moment over the mass that no forces at the corners of the soles give, with mu 0.8 and the strengths of the
+    legs, by a linear program.
+    """
     around = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     edges = np.column_stack((0.8 * np.cos(around), 0.8 * np.sin(around), np.ones(16)))
     points = np.vstack([np.column_stack((sole.corners, np.full(len(sole.corners), sole.height))) for sole in soles])
@@ -74,7 +76,10 @@ def _lacks(soles: Soles, com: Vec, force: Vec, spin: Vec) -> float:
     sums = np.vstack((np.tile(edges.T, len(points)), np.array(moments).T))
     loose = np.vstack((np.zeros((3, 4)), np.hstack((np.eye(2), -np.eye(2)))))
     cost = np.concatenate((np.zeros(sums.shape[1]), np.ones(4)))
-    found = linprog(cost, A_eq=np.hstack((sums, loose)), b_eq=np.concatenate((force, spin)))
+    owner = np.repeat(range(len(soles)), [16 * len(sole.corners) for sole in soles])
+    loads = np.hstack((np.equal.outer(range(len(soles)), owner), np.zeros((len(soles), 4))))
+    most = [min(sole.strength + 1e-3, 1e6) for sole in soles]
+    found = linprog(cost, loads, most, A_eq=np.hstack((sums, loose)), b_eq=np.concatenate((force, spin)))
     assert found.status == 0
     return float(found.fun)
 
@@ -95,6 +100,26 @@ def test_forces_of_the_plan_act_inside_the_soles(seed: int, rise: float) -> None
         there = slice(None, -1) if share == 0.0 else slice(1, None)
         for value, node in zip(found, (plan.com, plan.velocity, plan.acceleration), strict=True):
             np.testing.assert_allclose(value, node[there], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(s, marks=pytest.mark.slow) for s in range(4, 24))])
+def test_legs_are_strong_enough_for_the_plan(seed: int) -> None:
+    """On stairs, where the motion asks for more than legs of drawn strengths give."""
+    com, supports, spin = _drawn(seed, rise=0.2)
+    rng = np.random.default_rng(seed)
+    strengths: dict[int, float] = {}
+    for soles in supports:
+        strengths |= {id(sole): G * rng.uniform(1.2, 1.6) for sole in soles if id(sole) not in strengths}
+    weak: list[Soles] = [tuple(sole._replace(strength=strengths[id(sole)]) for sole in soles) for soles in supports]
+    no = np.full(len(com), np.inf)
+    plan, free = (centroidal_plan(com, on, DT, gravity=G, highest=no, spin=spin) for on in (weak, supports))
+    loads = plan.acceleration[:, 2] + G
+    assert (free.acceleration[:, 2] + G > [1.02 * sum(sole.strength for sole in soles) for soles in weak]).any()
+    kept = [k for k in range(len(weak)) if plan.outside[k] < 1e-4]
+    assert len(kept) >= 0.9 * len(weak)
+    assert (loads < [sum(sole.strength for sole in soles) + 1e-3 for soles in weak]).all()
+    for k in kept:
+        assert _lacks(weak[k], plan.com[k], plan.acceleration[k] + [0.0, 0.0, G], spin[k]) < 1e-3
 
 
 def test_a_plan_turns_with_its_motion() -> None:
@@ -182,6 +207,67 @@ def test_one_who_stands_is_left_alone(heading: float, g1: hqp.robots.Robot) -> N
     assert found.dynamics.shift.max() < 1e-3
     assert found.dynamics.zmp_outside == (0.0, 0.0)
     assert np.ptp(found.angles, axis=0).max() < 0.02
+
+
+def _tracker(robot: Any) -> Tracker:
+    found, motion = find_map(None, robot), stand(0.2)
+    body = Body.of(robot, found)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    return Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps, collision=False), targets)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_strength_of_a_leg_is_the_load_that_its_motors_hold(seed: int, g1: hqp.robots.Robot) -> None:
+    """By virtual work of each motor alone, at drawn angles: one of them is at its limit, none beyond."""
+    tracker, rng = _tracker(g1), np.random.default_rng(seed)
+    angles = rng.uniform(np.maximum(g1.lower, -1.0), np.minimum(g1.upper, 1.0))
+    q, soles = g1.configuration(angles), (_square(0.0, 0.1, 0.1), _square(0.0, -0.1, 0.1))
+    [found] = strong(tracker, [soles], q[None], np.ones((1, 2), dtype=bool))
+    ends = [(tracker.stacks.toes[side], tracker.stacks.heels[side]) for side in ("left", "right")]
+    mass = sum(inertia.mass for inertia in g1.model.inertias)
+    for sole, both in zip(found, ends, strict=True):
+        used = []
+        for k in g1.actuated:
+            turn = np.zeros(g1.nv)
+            turn[k] = 1e-5
+            high, low = (
+                np.mean([end.value(g1.state(g1.integrate(q, way * turn, 1.0)))[2] for end in both]) for way in (1, -1)
+            )
+            used.append(abs(high - low) / 2e-5 * sole.strength * mass / g1.effort_limit[k])
+        assert max(used) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_plan_leaves_the_ankle_room_for_a_push(g1: hqp.robots.Robot) -> None:
+    """A push of 0.075 m/s moves the DCM by less than the way from any planned ZMP of one sole to the sole's edge."""
+    tracker, one = _tracker(g1), np.array([[True, False], [False, True]])
+    q = np.array([g1.home] * 2)
+    inner, whole = (supports_of(tracker, q, one, margin=margin) for margin in (True, False))
+    height = float(g1.state(g1.home).com()[2])
+    for [planned], [sole] in zip(inner, whole, strict=True):
+        normals, offsets = sole.edges
+        room = (offsets[:, None] - normals @ planned.corners.T).min()
+        assert room > 0.075 / math.sqrt(G / height)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_soles_on_one_box_stand_at_one_height(seed: int) -> None:
+    """Stairs of drawn heights, each measured with noise at drawn places; on a ramp no height moves far."""
+    rng = np.random.default_rng(seed)
+    leg = float(rng.uniform(0.4, 1.2))
+    steps = leg * np.cumsum(rng.uniform(0.15, 0.4, 4))
+    box = rng.integers(4, size=30)
+    spots = np.column_stack((box * leg + 0.2 * leg * rng.uniform(-1.0, 1.0, 30), 0.2 * leg * rng.uniform(-1.0, 1.0, 30),
+                             steps[box] + 0.02 * leg * rng.uniform(-1.0, 1.0, 30)))  # fmt: skip
+    found = levelled(spots, leg)
+    for own in range(4):
+        assert len(np.unique(found[box == own])) <= 1
+        assert np.abs(found - steps[box]).max() < 0.02 * leg
+    order = rng.permutation(30)
+    np.testing.assert_allclose(levelled(spots[order], leg), found[order], atol=1e-12)
+    x = leg * np.linspace(0.0, 8.0, 30)
+    ramp = np.column_stack((x, 0.0 * x, 0.1 * x))
+    assert np.abs(levelled(ramp, leg) - ramp[:, 2]).max() < LEVEL * leg
+    np.testing.assert_array_equal(levelled(spots[:1], leg), spots[:1, 2])
 
 
 def _wrench(robot: Any, q: Mat, i: int, fps: float) -> tuple[Vec, Vec]:
