@@ -421,6 +421,7 @@ class Walker:
     EARLY: float
     LATE: float
     FADE: float
+    SLEW: float
     TAKE: float
     AHEAD: float
     CORRECTION: float

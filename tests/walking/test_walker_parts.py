@@ -29,7 +29,8 @@ PACE = Command(0.2)
 SQUARE = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
 HERE = ((0.0, 0.1, 0.0, 0.0), (0.0, -0.1, 0.0, 0.0))
 EARLY, TOUCH, LATE, TAKE = (getattr(_session.Walker, name) for name in ("EARLY", "TOUCH", "LATE", "TAKE"))
-SAG, HEAVIER, WEIGHING, FADE = (getattr(_session.Walker, name) for name in ("SAG", "HEAVIER", "WEIGHING", "FADE"))
+SAG, HEAVIER, WEIGHING = (getattr(_session.Walker, name) for name in ("SAG", "HEAVIER", "WEIGHING"))
+FADE, SLEW = _session.Walker.FADE, _session.Walker.SLEW
 AHEAD, CORRECTION, CREEPS, LAST = (getattr(_session.Walker, name) for name in ("AHEAD", "CORRECTION", "CREEPS", "LAST"))
 
 
@@ -256,6 +257,31 @@ def test_torques_go_on_from_those_before_a_switch() -> None:
         assert np.all(np.abs(now - last) <= limit * DT / FADE + 1e-9)
         last = now
     np.testing.assert_allclose(last, [44.0, 11.0, -11.0])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_torques_change_at_a_bounded_rate(seed: int) -> None:
+    """Answers jump at random, some beyond the limits, through switches: the torques follow them, and meet those that
+    last."""
+    rng, limit, walker = np.random.default_rng(seed), np.array([100.0, 50.0, 20.0]), Alone(heavier=1.0)
+    last = rng.uniform(-1.0, 1.0, 3) * limit
+    walker.native.finish(last, None)
+    most, asked = np.max(limit) * DT / SLEW, last
+    for _ in range(50):
+        walker.set(entered=bool(rng.uniform() < 0.1))
+        asked = rng.uniform(-1.5, 1.5, 3) * limit
+        lasts = int(rng.integers(1, 60))
+        for _ in range(lasts):
+            now = asked.copy()
+            walker.native.finish(now, None)
+            walker.set(entered=False)
+            assert np.all(np.abs(now - last) <= most * (1.0 + 1e-12))
+            assert np.all(np.abs(now) <= limit)
+            last = now
+    for _ in range(round(4.0 * FADE / DT)):
+        last = asked.copy()
+        walker.native.finish(last, None)
+    np.testing.assert_allclose(last, np.clip(asked, -limit, limit))
 
 
 # ------------------------------------------------------------------------------------------- phases, plan

@@ -302,18 +302,14 @@ void bind_walking(nb::module_& module) {
       .def_prop_ro("normals", [](LiveWalker& w) {
         return std::make_pair(view(w, w.get().references().normal[0]), view(w, w.get().references().normal[1]));
       });
-  const std::pair<const char*, double> constants[] = {{"TOUCH", hqp::Walker::kTouch},
-                                                      {"EARLY", hqp::Walker::kEarly},
-                                                      {"LATE", hqp::Walker::kLate},
-                                                      {"FADE", hqp::Walker::kFade},
-                                                      {"TAKE", hqp::Walker::kTake},
-                                                      {"AHEAD", hqp::Walker::kAhead},
-                                                      {"CORRECTION", hqp::Walker::kCorrection},
-                                                      {"CREEPS", hqp::Walker::kCreeps},
-                                                      {"LAST", hqp::Walker::kLast},
-                                                      {"HEAVIER", hqp::Walker::kHeavier},
-                                                      {"WEIGHING", hqp::Walker::kWeighing},
-                                                      {"SAG", hqp::Walker::kSag}};
+  const std::pair<const char*, double> constants[] = {
+      {"TOUCH", hqp::Walker::kTouch},     {"EARLY", hqp::Walker::kEarly},
+      {"LATE", hqp::Walker::kLate},       {"FADE", hqp::Walker::kFade},
+      {"SLEW", hqp::Walker::kSlew},       {"TAKE", hqp::Walker::kTake},
+      {"AHEAD", hqp::Walker::kAhead},     {"CORRECTION", hqp::Walker::kCorrection},
+      {"CREEPS", hqp::Walker::kCreeps},   {"LAST", hqp::Walker::kLast},
+      {"HEAVIER", hqp::Walker::kHeavier}, {"WEIGHING", hqp::Walker::kWeighing},
+      {"SAG", hqp::Walker::kSag}};
   for (const auto& [name, value] : constants) walker.attr(name) = value;
   nb::class_<LiveEstimator>(module, "FeetEstimator")
       .def(nb::init<const nb::object&, const Vector&>(), "tree"_a, "q"_a)

@@ -61,6 +61,7 @@ class Walker {
   static constexpr double kLate = 0.015;  // share of the weight that confirms a landing after the swing time
   static constexpr double kPress = 0.1;   // least share of a foot that has landed
   static constexpr double kFade = 0.08;   // fade time of a torque jump, for a joint's largest torque [s]
+  static constexpr double kSlew = 0.02;   // shortest time in which a torque changes by the largest of all limits [s]
   static constexpr double kTake = 0.06;   // shortest time in which a foot's share changes from 0 to 1 [s]
   static constexpr double kIntegral = 0.5, kMost = 0.03;  // integral of the DCM error: gain [1/s], limit [m s]
   static constexpr double kLeast = 0.015;  // DCM error above which a step corrects its foothold and time [m]
@@ -93,6 +94,7 @@ class Walker {
     const std::vector<double> upright = p.numbers("upright", 9);
     std::copy(upright.begin(), upright.end(), upright_.begin());
     limits_ = p.numbers("limits");
+    for (const double limit : limits_) slew_ = std::max(slew_, limit * dt_ / kSlew);
     rest_.resize(limits_.size()), sent_.resize(limits_.size()), overcome_.resize(limits_.size());
     for (const Plan& one : p.parts("friction")) {
       friction_.push_back(JointFriction::of(one));
@@ -165,7 +167,8 @@ class Walker {
     for (const JointFriction& one : friction_)
       overcome_[one.motor] = one.torque(v[one.column], acceleration(one.column));
   }
-  // End of a tick: scale its torques by the weight felt; after a switch go on from those before, within the limits.
+  // End of a tick: scale its torques by the weight felt; after a switch go on from those before, within the limits and
+  // at a bounded rate.
   void finish(const double* loads, double* command) {
     if (loads) weigh(loads[0] + loads[1]);
     for (std::size_t i = 0; i < limits_.size(); ++i) {
@@ -173,7 +176,9 @@ class Walker {
       if (state_.entered && has_sent_) rest_[i] = sent_[i] - command[i];
       const double fading = limits_[i] * dt_ / kFade;
       rest_[i] -= held(rest_[i], -fading, fading);
-      command[i] = sent_[i] = held(command[i] + rest_[i], -limits_[i], limits_[i]);
+      const double most = has_sent_ ? slew_ : limits_[i];
+      command[i] = held(held(command[i] + rest_[i], -limits_[i], limits_[i]), sent_[i] - most, sent_[i] + most);
+      sent_[i] = command[i];
     }
     has_sent_ = true;
     state_.t += dt_;
@@ -475,6 +480,7 @@ class Walker {
   std::vector<Sole> soles_;
   std::array<double, 9> upright_{};
   std::vector<double> limits_, rest_, sent_, overcome_;
+  double slew_ = 0.0;  // largest change of a torque in a tick [N m]
   std::vector<JointFriction> friction_;
   bool has_sent_ = false, touches_ = false;  // touches: the swing foot bears load
   BipedState biped_;
