@@ -23,6 +23,9 @@ MASSES, OFFSET, DELAY, FRICTION = 0.1, 0.005, 0.004, 0.5
 SETTLE, STOP = 1.0, 3.0
 """Durations of standing before the walk and after it [s]."""
 
+FELT = 0.02
+"""Least swing of a torque that counts as a reversal, as a share of the joint's limit."""
+
 CUT = 0.8
 """Default deadline as a share of the period."""
 
@@ -89,6 +92,7 @@ class Course:
         self.fell: float = math.nan
         self.tick: Any = None
         self._last: Vec | None = None
+        self._turns = Turns(FELT * self.robot.effort_limit[self.robot.actuated])
         step = self.walker.step
 
         def timed(*given: Any, **named: Any) -> Any:
@@ -113,6 +117,7 @@ class Course:
             if self._last is not None:
                 (self.jumps if self.walker.event else self.usual).append(float(np.abs(tau - self._last).max()))
             self._last = tau
+            self._turns.take(tau)
             if self.course.fallen:
                 self.fell = self.plant.time
         return math.isnan(self.fell)
@@ -132,10 +137,29 @@ class Course:
             "jump_switch_median": float(np.median(jumps)),
             "jump_else": float(usual.max()),
             "jump_else_999": float(np.quantile(usual, 0.999)),
+            "reversals": float(self._turns.count.max()) / (ticks * DT),
             "edge": self.edge / ticks,
             "off_mm": 1e3 * float(np.linalg.norm(off[:, :3], axis=1).max()),
             "off_deg": math.degrees(float(np.abs(off[:, 3]).max())),
         }
+
+
+class Turns:
+    """Reversals of signals, ``count`` ``(n,)``: changes of direction by more than ``least`` ``(n,)``."""
+
+    def __init__(self, least: Vec) -> None:
+        self._least, self._way = least, np.zeros(least.size)
+        self._low, self._high = np.full(least.size, math.inf), np.full(least.size, -math.inf)
+        self.count = np.zeros(least.size, dtype=int)
+
+    def take(self, x: Vec) -> None:
+        """The next sample ``(n,)``."""
+        self._low, self._high = np.minimum(self._low, x), np.maximum(self._high, x)  # since the latest turn
+        down = (self._way >= 0.0) & (self._high - x > self._least)
+        up = (self._way <= 0.0) & (x - self._low > self._least) & ~down
+        self.count += (down | up) & (self._way != 0.0)
+        self._way = np.where(down, -1.0, np.where(up, 1.0, self._way))
+        self._low[down], self._high[up] = x[down], x[up]
 
 
 def heading(q: Vec) -> float:

@@ -76,7 +76,7 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
     declared = cells()[cell]
     spread = {
         key: percentiles(np.array([row[key] for row in stood])) if stood else {}
-        for key in ("jump_switch", "jump_else", "off_mm", "off_deg")
+        for key in ("jump_switch", "jump_else", "reversals", "off_mm", "off_deg")
     }
     per_second = 1.0 / declared.seconds if declared.seconds else 0.0
     asked = None if declared.falls is None else math.ceil(declared.falls * len(rows) / 20.0)
@@ -109,6 +109,7 @@ def lines(found: Sequence[Mapping[str, Any]]) -> Table:
             f"{line['walked']:.2f}" if there(line["walked"]) else "",
             two(line["jump_switch"]),
             two(line["jump_else"]),
+            two(line["reversals"]),
             f"{100.0 * line['optimal']:.2f} %",
             f"{100.0 * line['in_time']:.1f} %",
             two(line["off_mm"]),
@@ -117,7 +118,7 @@ def lines(found: Sequence[Mapping[str, Any]]) -> Table:
     ]
     header = (
         "cell", "falls", "rate below (95 %)", "walked [m/s]", "torque at a switch [N m a tick]", "else",
-        "OPTIMAL", "ticks within 1.6 ms", "estimate off [mm]",
+        "reversals [1/s]", "OPTIMAL", "ticks within 1.6 ms", "estimate off [mm]",
     )  # fmt: skip
     return table("Walks: median / worst of the runs that did not fall", header, rows)
 
