@@ -26,13 +26,13 @@ class FeetEstimator:
         db/dt = -R' (sum w_i (-u_i) - v) / (T_velocity T_bias),
         dp/dt = v + (sum w_i (p_i - r_i) - p) / T_position,
 
-    with weights w_i of the feet's loads and the bias b of the accelerometer.  What the places of two feet say apart
-    fades in AGREE, while their mean stays: dp_i/dt = (sum w_j (p_j - r_j) - (p_i - r_i)) / T_agree, yaws alike; so a
-    foot that settles beside another moves the base by its share of the load.  A foot whose velocity v + u_i over the
-    ground, smoothed over SMOOTH, is more than SLIPS, or its angular velocity more than TURNS, has no weight until it
-    rests again, where it then stands.  If no foot stands for LOST, all that bear load do, and b explains the velocity
-    since.  The IMU's yaw is not used: it is not observable.  Without a foot on the ground the IMU alone goes on.
-    Measurements that are not finite leave the estimate as it is.
+    with weights w_i of the feet's loads and the bias b of the accelerometer.  Differences between the places of the
+    base by two feet fade in AGREE, their mean stays: dp_i/dt = (sum w_j (p_j - r_j) - (p_i - r_i)) / T_agree, yaws
+    alike; so a foot that settles beside another moves the base by its share of the load.  A foot whose velocity
+    v + u_i over the ground, smoothed over SMOOTH, is more than SLIPS, or its angular velocity more than TURNS, has no
+    weight until it rests again, where it then stands.  If no foot stands for LOST, all that bear load do, and b
+    explains the velocity since.  The IMU's yaw is not used: it is not observable.  Without a foot on the ground the IMU
+    alone goes on.  Measurements that are not finite leave the estimate as it is.
 
     robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
     [s].  q: the configuration at the start ``(nq,)``, which defines the world.  Time constants [s].
@@ -50,7 +50,7 @@ class FeetEstimator:
     rolls onto its sole or pivots [m/s, rad/s], smoothed over [s]; longest time without a foot that stands [s]."""
 
     AGREE = 0.03
-    """Time constant with which the places of standing feet follow what these say together [s]."""
+    """Time constant with which the places of standing feet follow their common base [s]."""
 
     def __init__(
         self,

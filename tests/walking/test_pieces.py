@@ -222,7 +222,7 @@ def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, An
     """The path matches its velocity and acceleration, from start to goal, over the top, then down."""
     swing, start, goal = made
     dt, path = 0.001, []
-    for _ in range(round((swing.duration - LEAD) / dt)):
+    for _ in range(math.ceil((swing.duration - LEAD) / dt)):
         path.append(swing.step(dt))
     x, v, a = (np.array(part) for part in zip(*path, strict=True))
     speed, bend = 4.0 * 0.4 / swing.duration, 30.0 * 0.4 / swing.duration**2

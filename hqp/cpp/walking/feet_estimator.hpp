@@ -187,8 +187,8 @@ class FeetEstimator {
     offset_ = offset_ - (1.0 / alone_) * transposed(base_, missed);
     alone_ = 0.0;
   }
-  // Lead the anchors to what they say together.  Their weighted mean stays, so that the base moves for a foot that
-  // settles by no more than the share of the load that it has then.
+  // Lead the anchors to one base.  Their weighted mean stays, so that a foot that settles moves the base by no more
+  // than its share of the load.
   void agree() {
     double turn = 0.0;
     Vec3 place{};
