@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp import _session
+from hqp import _session, dlpack
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.export.batch import BatchTick, check_counts, chosen_worlds
@@ -50,10 +50,12 @@ class PolicyFilters:
     def step(self, Q: ArrayLike, V: ArrayLike, commands: ArrayLike) -> BatchTick:
         """One tick of all worlds: states Q ``(count, nq)``, V ``(count, nv)``, commands of the policy ``(count, n)``.
 
-        ``commands`` of the result are to be sent; see ``PolicyFilterSession.tick``.  Data never raises: a world's fault
-        is its own status.  Raises DeclarationError for a shape.
+        ``commands`` of the result are to be sent; see ``PolicyFilterSession.tick``.  For torch tensors on the CPU the
+        result has tensors, without gradients.  Data never raises: a world's fault is its own status.  Raises
+        DeclarationError for a shape.
         """
-        at, speed, policy = (np.ascontiguousarray(given, dtype=np.float64) for given in (Q, V, commands))
+        given = (Q, V, commands)
+        at, speed, policy = (np.ascontiguousarray(dlpack.numbers(part), dtype=np.float64) for part in given)
         sent, x, residuals = (np.empty((self.count, size)) for size in self._native.sizes)
         status = np.empty(self.count, dtype=np.int32)
         try:
@@ -63,7 +65,8 @@ class PolicyFilters:
             allowed = f"Q ({n}, {nq}), V ({n}, {nv}), commands ({n}, {motors})"
             shapes = at.shape, speed.shape, policy.shape
             raise DeclarationError("PolicyFilters", "wrong shape", value=shapes, allowed=allowed) from None
-        return BatchTick(sent, x, residuals, status)
+        like = dlpack.first_foreign(*given)
+        return BatchTick(*(dlpack.returned(part, like) for part in (sent, x, residuals, status)))
 
     def stop(self, worlds: ArrayLike | None = None, reason: str = "stop") -> None:
         """Bring robots to rest until ``resume``; worlds: by index or mask ``(count,)``, all for None.
