@@ -134,7 +134,7 @@ test-arm: setup
 problem-sets: setup
 	$(BIN)/python -m benchmarks.speed.publish build/problem_sets
 
-CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp tests/export/native/*.cpp examples/cpp/*.cpp \
+CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp tests/export/native/*.[ch]pp examples/cpp/*.cpp \
     examples/ros2_control/*.hpp tests/examples/ros/*.cpp tests/examples/ros/*/*.hpp tests/examples/ros/*/*/*.hpp)
 
 # Every MJCF of PyPI packages (340 MB), read and compared with MuJoCo; examples on models of packages.
