@@ -47,6 +47,8 @@ class Kinematics {
     const int q = count ? first + count : kind == JointKind::kTranslating ? 3 : 1;
     return {q, kind == JointKind::kContinuous ? 1 : q == 7 ? 6 : q > 1 ? 3 : 1};
   }
+  static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py
+  static constexpr double kUnit = 1e-3;
   // Return true if quaternions and pairs of cosine and sine have length one, up to that.
   bool unit(const double* q, double rounding) const {
     for (const TreeJoint& joint : joints_) {

@@ -83,9 +83,8 @@ class Tree {
   const std::vector<Carried>& carried() const { return carried_; }
 
   const Motion& motion(int body) const { return motions_[body]; }
-  const Motion& drift(int body) const {
-    return drifts_[body];
-  }  // rate of the motion, at zero acceleration unless given
+  // Rate of the motion, at zero acceleration unless given.
+  const Motion& drift(int body) const { return drifts_[body]; }
   Vec3 point_drift(int body, const Vec3& p) const {
     return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
   }

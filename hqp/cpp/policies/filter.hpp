@@ -99,16 +99,13 @@ class Filter {
   const std::vector<std::uint8_t>& limited() const { return limited_; }
 
  private:
-  static constexpr double kRounding = 1e-12, kUnit = 1e-3;  // as StateCheck
-
   void measure(const Kinematics& kinematics, const double* q, const double* v) {
     std::copy(q, q + q_.size(), q_.begin()), std::copy(v, v + v_.size(), v_.begin());
-    double sum = 0.0, length = 0.0;  // a NaN or an infinity times zero is NaN
-    for (const double one : q_) sum += 0.0 * one;
-    for (const double one : v_) sum += 0.0 * one;
+    double length = 0.0;
     bool pair = false;
-    valid_ = sum == 0.0 &&
-             (kinematics.unit(q_.data(), kRounding) || kinematics.normalise(q_.data(), kUnit, length, pair) < 0);
+    valid_ = finite(q_.data(), int(q_.size())) && finite(v_.data(), int(v_.size())) &&
+             (kinematics.unit(q_.data(), Kinematics::kRounding) ||
+              kinematics.normalise(q_.data(), Kinematics::kUnit, length, pair) < 0);
     kinematics.angles(q_.data(), positions_.data());
     for (std::size_t i = 0; i < motors_; ++i) {
       const std::size_t c = std::size_t(columns_[first_ + i]);

@@ -11,15 +11,9 @@
 
 namespace hqp {
 
-// A part of the plan's filter; throws PlanError if the plan has none or an inconsistent one.
 template <class Make>
 auto of_filter(const std::shared_ptr<const Plan>& plan, const Memory& memory, const Make& make) {
-  if (!plan->root().find("filter")) throw PlanError("the plan has no filter: write it by PolicyFilterSession.export");
-  try {
-    return make(Node(plan->root(), memory).part("filter"));
-  } catch (const std::invalid_argument& error) {
-    throw PlanError(std::string("the filter of the plan is inconsistent (") + error.what() + "): export it anew");
-  }
+  return of_part(plan, memory, "filter", "PolicyFilterSession.export", make);
 }
 inline std::unique_ptr<Filter> filter_of(const std::shared_ptr<const Plan>& plan) {
   const Memory memory(*plan);

@@ -135,21 +135,18 @@ class StateCheck {
   bool any_age() const { return !age_; }
 
  private:
-  static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py
-  static constexpr double kUnit = 1e-3;
-
   // Normalise q, and return true if q and v are finite with quaternions near length one; square: sum over all numbers.
   bool unit(double* q, const double* v, double& square, Note& why) const {
     const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
     square = squared(q, nq) + squared(v, nv);
     if (!(square < std::numeric_limits<double>::infinity())) return not_finite(q, v, why);
-    if (kinematics_ && !kinematics_->unit(q, kRounding)) {
+    if (kinematics_ && !kinematics_->unit(q, Kinematics::kRounding)) {
       double length = 0.0;
       bool pair = false;
-      const int wrong = kinematics_->normalise(q, kUnit, length, pair);
+      const int wrong = kinematics_->normalise(q, Kinematics::kUnit, length, pair);
       if (wrong >= 0)
         return StateBounds::refuse(why, pair ? Cause::kPair : Cause::kQuaternion, places_[std::size_t(wrong)], length,
-                                   kUnit);
+                                   Kinematics::kUnit);
     }
     return true;
   }

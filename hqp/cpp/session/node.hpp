@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -115,6 +117,19 @@ class Node : public PlanOf<Node> {
   const Json* json_;
   const Memory* memory_;
 };
+
+// Make a thing of a part of the plan that a session's owner has added; throws PlanError if there is none or an
+// inconsistent one.  by: the call that writes it.
+template <class Make>
+auto of_part(const std::shared_ptr<const Plan>& plan, const Memory& memory, const std::string& part, const char* by,
+             const Make& make) {
+  if (!plan->root().find(part.c_str())) throw PlanError("the plan has no " + part + ": write it by " + by);
+  try {
+    return make(Node(plan->root(), memory).part(part.c_str()));
+  } catch (const std::invalid_argument& error) {
+    throw PlanError("the " + part + " of the plan is inconsistent (" + error.what() + "): export it anew");
+  }
+}
 
 // Source of sessions from a file: they share the memory of the plan, the rows and the solver.
 class FileSource {

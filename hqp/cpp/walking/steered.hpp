@@ -12,15 +12,9 @@
 
 namespace hqp {
 
-// The walker of a plan; throws PlanError if the plan has none or an inconsistent one.
 template <class Make>
 auto of_walker(const std::shared_ptr<const Plan>& plan, const Memory& memory, const Make& make) {
-  if (!plan->root().find("walker")) throw PlanError("the plan has no walker: write it by Walker.export");
-  try {
-    return make(Node(plan->root(), memory).part("walker"));
-  } catch (const std::invalid_argument& error) {
-    throw PlanError(std::string("the walker of the plan is inconsistent (") + error.what() + "): export it anew");
-  }
+  return of_part(plan, memory, "walker", "Walker.export", make);
 }
 inline std::unique_ptr<Walker> walker_of(const std::shared_ptr<const Plan>& plan) {
   const Memory memory(*plan);
