@@ -115,8 +115,11 @@ class PolicyFilter:
         base: list[Element] = [PrescribedMotion(name="base")] if robot.floating and not self.free(robot) else []
         apart: list[Element] = [] if self.collision is None else [self.collision]
         dynamics = self.command != "velocities"
-        own = default_limits(robot, dynamics, dynamics and not self.free(robot))
-        limits = own if self.limits is None else (self.limits,)
+        limits: tuple[JointLimits, ...]
+        if self.limits is None:
+            limits = default_limits(robot, dynamics, dynamics and not self.free(robot))
+        else:
+            limits = (self.limits,)
         if self.command == "velocities":
             level = Level(JointVelocity(joints=names, name="policy"), price=0)
             stack = Stack(level, subject_to=[*base, *limits, *apart])

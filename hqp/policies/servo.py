@@ -50,11 +50,6 @@ class Servos:
         """D = dt kd + dt^2 kp ``(n,)`` [kg m^2]."""
         return self.dt * (self.kd + self.dt * self.kp)
 
-    def within_effort(self, target: Vec, q: Vec, v: Vec) -> Vec:
-        """Move the target so that its torque is within the effort limits."""
-        damping = self.kd * v
-        return within(target, q + (damping - self.effort) / self.kp, q + (damping + self.effort) / self.kp)
-
     def torque(self, target: Vec, q: Vec, v: Vec) -> Vec:
         """Torque under a target [N m]."""
         return self.kp * (target - q) - self.kd * v
@@ -71,11 +66,6 @@ def require_own_motors(owner: str, robot: Robot, joints: Index) -> None:
         names = [robot.joint_name(int(c)) for c in robot.actuated[rows]]
         allowed = "motors of one joint each; a Controller with Torque commands tendons"
         raise DeclarationError(owner, "motors that pull several joints by a tendon", value=names, allowed=allowed)
-
-
-def within(numbers: Vec, low: Vec | float, high: Vec | float) -> Vec:
-    """The numbers within bounds: ``np.clip`` in half the time."""
-    return np.minimum(np.maximum(numbers, low), high)
 
 
 def gains(owner: str, what: str, given: Gains, names: list[str]) -> Vec:

@@ -1,4 +1,4 @@
-"""Damage a part of a plan's file behind a right hash: what loads it must refuse it with one sentence."""
+"""Damage a part of a plan's file behind a right hash; its loader must refuse it with one sentence."""
 
 from __future__ import annotations
 

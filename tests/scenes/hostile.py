@@ -59,7 +59,7 @@ class Plant:
             self.q = pin.integrate(robot.model, self.q, self.step * self.v)
 
     def _acceleration(self, tau: Any) -> Any:
-        """Of the coupled joints, by Gauss's principle from that of free ones."""
+        """Acceleration with the couplings, by Gauss's principle."""
         free = pin.aba(self._model, self._data, self.q, self.v, tau)
         if not len(self._coupled):
             return free

@@ -69,7 +69,7 @@ class Settling:
 
 
 def drawn(seed: int, **given: Any) -> Settling:
-    """A robot and a side, with what is given."""
+    """A robot, a side and the given parts."""
     rng = np.random.default_rng(seed)
     return Settling(("g1", "talos", "cbi")[seed % 3], int(rng.integers(2)), **given)
 
