@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import Hierarchy, Rows, Status, certificate
+from hqp import Hierarchy, Rows, Selection, Status, certificate
+from hqp.arrays import Mat
 from hqp.solvers import lexicographic
 from tests.scenes.kinds import problem as drawn_problem
+from tests.scenes.priced import is_unsure
 from tests.solvers import fuzz
 
 if lexicographic.kernel() == "":
@@ -170,3 +172,48 @@ def neighbour(problem: Hierarchy, rng: np.random.Generator, change: float) -> Hi
         upper = np.where(rows.lower == rows.upper, lower, np.maximum(lower, upper))
         levels.append(dataclasses.replace(rows, lower=lower, upper=upper))
     return dataclasses.replace(problem, levels=tuple(levels), stacked=None)
+
+
+def met_at_zero(seed: int) -> Hierarchy:
+    """Few integers, levels scaled by 1e-2 to 10: the first two keep zero, which others below pull at from bounds."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(4, 8))
+
+    def rows(m: int) -> Mat:
+        return np.asarray(rng.integers(-2, 3, size=(m, n)) * 10.0 ** rng.uniform(-2.0, 1.0))
+
+    index = rng.permutation(n)[: int(rng.integers(1, n + 1))]
+    levels = [Rows(Selection(index), -rng.random(len(index)), rng.random(len(index)))]
+    levels.append(Rows(rows(1), np.zeros(1), np.zeros(1)))
+    twice = rows(1)
+    levels.append(
+        Rows(np.vstack([twice, twice, rows(2)]), np.array([-1.0, 1.0, 0.0, -inf]), np.array([-1.0, 1.0, inf, 0.0]))
+    )
+    for _ in range(int(rng.integers(1, 3))):
+        m = int(rng.integers(1, n))
+        A = rows(m)
+        b = rng.integers(-1, 2, size=m) * np.abs(A).max()
+        levels.append(Rows(A, b, b))
+    m = int(rng.integers(1, 4))
+    levels.append(Rows(rows(m), np.zeros(m), np.full(m, inf)))
+    still = rng.normal(size=n)
+    return Hierarchy((*levels, Rows(Selection(np.arange(n)), still, still)), 1)
+
+
+def test_a_row_below_a_level_does_not_hold_it_back() -> None:
+    """Rows that rounding let in, while levels above were left out, kept these off their optimum: 5 of 900 answers.
+
+    In others, rounding of the slacks of longer rows of a level was taken for the sign of a short one.
+    """
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(900):
+        problem = met_at_zero(seed)
+        workspace = solver.workspace(problem.shape)
+        workspace.limit(inf)
+        solution = workspace.solve(problem)
+        if not solution.status.solved or is_unsure(solution):
+            continue
+        certain += 1
+        verdict = certificate(problem, solution.x, 1e-8)
+        assert verdict.ok, (seed, verdict)
+    assert certain > 880

@@ -179,9 +179,9 @@ struct Multipliers {
         open[left++] = r;
         continue;
       }
-      const double size = std::fabs(w[r]);
-      const bool zero = met(r, W, span);
-      doubted = doubted || (size > kOnRow * length && (zero || size < unclear));
+      const double size = std::fabs(w[r]), rounding = kOnRow * length;
+      const bool zero = met(r, W, span) || size <= rounding;
+      doubted = doubted || (size > rounding && (zero || size < unclear));
       if (zero) {
         open[left++] = r;
         continue;

@@ -107,6 +107,8 @@ class Updates {
   // The levels that were left out until now, where everything else stands.
   bool deepen(const std::int8_t* W) {
     if (t_.lowest <= t_.solved || t_.gram_level != t_.table->blocks - 1) return false;
+    for (int q = 0; q < t_.extras; ++q)  // a row of a level that was left out would stand above it
+      if (t_.extra[q].row >= t_.table->block[t_.solved].end) return false;
     for (int q = 0; q < t_.extras; ++q)
       if (t_.extra[q].level == t_.gram_level) t_.extra[q].level = t_.solved + 1;
     resume(W, t_.solved + 1);
