@@ -27,7 +27,6 @@ struct Start {
   void set_to(SearchState& state, const double* from) {
     const Table& table = state.problem.table;
     for (int i = 0; i < table.n; ++i) x[i] = table.inside_box(i, from[i]);
-    state.problem.tableau.reduction.follow(x, table.n);
     table.product(x, state.point.v);
     for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = table.outside(k, state.point.v);
     set.restore(table, state.problem.set);
@@ -83,16 +82,9 @@ class BlockExchange {
           problem.set.changes.forget();  // judged on a tableau of its own
           continue;
         }
-        if (!problem.reduced()) {
-          state_.accept();
-          return true;
-        }
-        state_.undo_reduction();
-        known = false;
-        continue;
+        state_.accept();
+        return true;
       }
-      const bool reduces = state_.iterations == 1 && kFarStart * outside > table.n && problem.reduce();
-      if (reduces) exchanges_left = 0;
       if (!std::exchange(known, true)) start.set_to(state_, last);
       start.offer(state_, outside);
       if (start.current) return false;  // a descent keeps it feasible, an exchange would not
@@ -100,18 +92,16 @@ class BlockExchange {
       else if (--exchanges_left < 0 || infeasibilities > 2 * fewest) return false;
       if (state_.iterations > 1 && state_.out_of_time()) {
         for (int i = 0; i < table.n; ++i) state_.point.x[i] = start.x[i];
-        if (problem.reduced()) state_.undo_reduction();
         return true;
       }
-      exchange(reduces);
+      exchange();
     }
   }
 
  private:
-  static constexpr int kFarStart = 4;  // a first point is far off if it violates more than n / kFarStart bounds
   SearchState& state_;
 
-  void exchange(bool reduces) {
+  void exchange() {
     WorkingSet& set = state_.problem.set;
     const Table& table = state_.problem.table;
     const Multipliers& multipliers = state_.multipliers;
@@ -122,7 +112,6 @@ class BlockExchange {
     }
     for (int i = 0; i < table.n; ++i)
       if (state_.violations.variable[i]) set.hold(table, i, state_.violations.variable[i]);
-    if (reduces) set.changes.forget();
     for (int q = 0; q < multipliers.count; ++q) set.release(table, multipliers.to_release[q]);
   }
 };

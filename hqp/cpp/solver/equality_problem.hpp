@@ -43,22 +43,6 @@ struct EqualityProblem {
     ++factorisations;
   }
 
-  // Far from the optimum: go on in fewer variables, with the same working sets; false where that saves too little.
-  bool reduce() {
-    if (!updating || !levels.reduce(table)) return false;
-    tableau.reduction.mark(set.W, kFree);
-    return true;
-  }
-
-  bool reduced() const { return tableau.reduction.count > 0; }
-
-  // Back to all variables, where the answer is judged.
-  void undo_reduction() {
-    tableau.reduction.mark(set.W, kEquality);
-    tableau.reduction.undo(table);
-    set.changes.forget();
-  }
-
  private:
   // Without a factorisation, where the changes are known: a leaving row leaves in front of the level that requested it;
   // a joining row joins in front of the level that ended the tableau, or else of the one that the last step aimed at.

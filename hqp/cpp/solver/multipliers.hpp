@@ -127,7 +127,6 @@ struct Multipliers {
       if (j < k) sweep(j, out);
       for (; q >= 0 && tableau->extra[q].level == j; --q) sweep_extra(tableau->extra[q], out);
     }
-    tableau->reduction.pull(g, table->n);
     for (int i = 0; i < table->n; ++i) mu[i] = -g[i];
     for (int q = 0; q < tableau->extras; ++q)
       if (tableau->extra[q].variable >= 0) mu[tableau->extra[q].variable] = tableau->extra[q].lambda;

@@ -14,7 +14,7 @@ class Pivoting {
   void form(int k, const std::int8_t* W) {
     Stage& s = t_.stage[k];
     const Block& b = t_.table->block[k];
-    const int width = lanes(t_.rest + 1), known = t_.reduction.count;  // rows of a reduced table are zero there
+    const int width = lanes(t_.rest + 1);
     for (int i = 0; i < s.m; ++i) {
       const int r = s.rows[i], local = r - b.begin;
       double* row = t_.T + static_cast<std::ptrdiff_t>(i) * t_.ld;
@@ -27,7 +27,7 @@ class Pivoting {
           for (int j = 0; j < t_.rest; ++j) row[1 + j] = a[t_.free[j]];
         for (int j = t_.rest + 1; j < width; ++j) row[j] = 0.0;
         double* left = t_.L + static_cast<std::ptrdiff_t>(i) * t_.ld;
-        for (int j = known; j < t_.basic; ++j) left[j - known] = a[t_.base[j]];
+        for (int j = 0; j < t_.basic; ++j) left[j] = a[t_.base[j]];
       } else {
         const int at_place = t_.place[b.index[local]];
         const double scale = b.scale[local];
@@ -42,9 +42,7 @@ class Pivoting {
         }
       }
     }
-    if (b.A)
-      multiply_subtract(t_.T, t_.ld, t_.L, t_.ld, t_.G + static_cast<std::ptrdiff_t>(known) * t_.ld, t_.ld, s.m,
-                        t_.basic - known, width);
+    if (b.A) multiply_subtract(t_.T, t_.ld, t_.L, t_.ld, t_.G, t_.ld, s.m, t_.basic, width);
   }
 
   void exact_sizes(int first, int m, int width) {

@@ -58,7 +58,6 @@ class PrimalDescent {
     if (start.current) release_some();
     const bool ended = descend();
     if (leaves_out()) take_all();
-    if (problem_.reduced()) undo_reduction();
     return ended;
   }
 
@@ -96,8 +95,6 @@ class PrimalDescent {
           ++tableau_.lowest;
           if (tableau_.lowest == kAlone || !leaves_out()) take_all();
           set_.changes.start();
-        } else if (problem_.reduced()) {
-          undo_reduction();
         } else if (tableau_.has_released && state_.doubtful()) {
           set_.changes.forget();  // judged on a tableau of its own
         } else {
@@ -109,8 +106,6 @@ class PrimalDescent {
       } else if (leaves_out()) {
         take_all();
         set_.changes.forget();
-      } else if (problem_.reduced()) {
-        undo_reduction();
       } else {
         return false;
       }
@@ -138,11 +133,6 @@ class PrimalDescent {
   void take_all() {
     tableau_.lowest = Tableau::kNowhere;
     table_.rest_at(nullptr);
-  }
-
-  void undo_reduction() {
-    state_.undo_reduction();
-    seen_.forget();
   }
 
   // At the highest level that is held back: the strongest and those at least half as strong.

@@ -68,7 +68,6 @@ struct SearchState {
   void go_to_solution() {
     const Table& table = problem.table;
     for (int i = 0; i < table.n; ++i) point.x[i] = table.inside_box(i, problem.tableau.x[i]);
-    problem.tableau.reduction.follow(point.x, table.n);
   }
 
   void accept() {
@@ -98,14 +97,6 @@ struct SearchState {
     else if (deadline->too_near(kTurns)) outcome = Outcome::time_limit;
     else return false;
     return true;
-  }
-
-  // Back to all variables.
-  void undo_reduction() {
-    problem.undo_reduction();
-    point.current = false;
-    if (options->multipliers) problem.factorise();  // a cap may leave it at that
-    problem.table.product(problem.tableau.x, problem.values);
   }
 };
 

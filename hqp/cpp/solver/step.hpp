@@ -19,8 +19,6 @@ class Step {
     arena.place(dx_, n);
     arena.place(dv_, rows);
     arena.place(reach_, n);
-    arena.place(trial_x_, n);
-    arena.place(trial_v_, rows);
   }
 
   // Go there; true if nothing blocked. The blocking row is in the working set then.
@@ -53,10 +51,6 @@ class Step {
     if (level < table_.blocks) bend(level, size, obstacle);
     length = obstacle.at;
     if (length >= 1.0 && obstacle.row < 0 && obstacle.variable < 0) return true;
-    if (level == 0 && project()) {
-      length = 1.0;
-      return false;
-    }
     for (int i = 0; i < n; ++i)
       if (!set_.F[i]) x[i] = table_.inside_box(i, x[i] + length * dx_[i]);
     for (int r = 0; r < table_.rows; ++r) v[r] += length * dv_[r];
@@ -73,8 +67,6 @@ class Step {
   }
 
  private:
-  static constexpr double kLengths[] = {0.2, 0.04, 0.008};  // parts of a step that are tried clipped
-
   struct Obstacle {  // end of the step, and the blocking row or variable, -1 if there is none
     double at = 1.0;
     int row = -1, variable = -1;
@@ -85,7 +77,6 @@ class Step {
   WorkingSet& set_;
   Point& point_;
   double *dx_ = nullptr, *dv_ = nullptr, *reach_ = nullptr;
-  double *trial_x_ = nullptr, *trial_v_ = nullptr;
 
   // First level that the step changes: the levels above it must not be disturbed, those below do not count.
   int first_level(double distance, double size) const {
@@ -108,36 +99,6 @@ class Step {
     const double over = dv_[r] > 0 ? problem_.values[r] - bound : bound - problem_.values[r];
     if (!table_.is_over(r, over, bound, size, problem_.tableau.x)) return kInfinity;
     return larger(0.0, (bound - point_.v[r]) / dv_[r]);
-  }
-
-  // At the top level only the box is in the way: a longer step, clipped into it, where that lowers the level more.
-  bool project() {
-    for (int r = table_.block[0].begin; r < table_.block[0].end; ++r) trial_v_[r] = point_.v[r] + length * dv_[r];
-    const double straight = table_.outside(0, trial_v_);
-    for (const double a : kLengths) {
-      if (a <= 2.0 * length) return false;
-      if (!(clipped(a) < straight)) continue;
-      set_.changes.start();
-      for (int i = 0; i < table_.n; ++i) {
-        const double end = point_.x[i] + a * dx_[i];
-        if (set_.F[i] || table_.inside_box(i, end) == end) continue;
-        set_.hold(table_, i, end > table_.hi[i] ? kUpper : kLower);
-      }
-      for (int i = 0; i < table_.n; ++i) point_.x[i] = trial_x_[i];
-      for (int r = 0; r < table_.rows; ++r) point_.v[r] = trial_v_[r];
-      point_.current = true;
-      return true;
-    }
-    return false;
-  }
-
-  // Slack norm of the top level if the step to a is clipped into the box.
-  double clipped(double a) {
-    const double* x = point_.x;
-    for (int i = 0; i < table_.n; ++i) trial_x_[i] = set_.F[i] ? x[i] : table_.inside_box(i, x[i] + a * dx_[i]);
-    problem_.tableau.reduction.follow(trial_x_, table_.n);
-    table_.product(trial_x_, trial_v_);
-    return table_.outside(0, trial_v_);
   }
 
   // Rows of the level itself that the step would violate make its norm bend: stop where it is lowest. If rounding puts

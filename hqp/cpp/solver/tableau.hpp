@@ -2,7 +2,7 @@
 #pragma once
 
 #include "changes.hpp"
-#include "reduction.hpp"
+#include "table.hpp"
 #include "tolerances.hpp"
 
 namespace hqp {
@@ -71,10 +71,9 @@ struct Tableau {
   int* place = nullptr;          // (n,) position: >= 0 in free, -1 - i in base, kNowhere fixed
   int* keep = nullptr;           // (n,) where columns that stay come from
   int* hole = nullptr;           // (n,) where they go
-  double* preference = nullptr;  // (n,) weight of a variable among the pivots, 0 for never
+  double* preference = nullptr;  // (n,) weight of a variable among the pivots
   Stage* stage = nullptr;
   Snapshot* snapshot = nullptr;
-  Reduction reduction;
   int lowest = 1 << 30;    // levels below this one are left out but for the last
   int solved = 0;          // the lowest level that the tableau solved but for the last
   bool recording = false;  // keep snapshots, for changes in front of any level
@@ -133,9 +132,6 @@ struct Tableau {
         snapshot[k].free = left;
       }
     }
-    int rows = 0;
-    for (int k = 0; k < blocks; ++k) rows += m[k];
-    reduction.layout(arena, n, rows, blocks);
     for (int q = 0; q < kChanges; ++q) {
       double* column = nullptr;
       arena.place(column, n);

@@ -76,7 +76,7 @@ class Updates {
     const double* a = b.A + static_cast<std::ptrdiff_t>(r - b.begin) * t_.n;
     t_.size[0] = bound - (t_.any_fixed ? dot_any(a, t_.fixed_x, t_.n) : 0.0);
     for (int j = 0; j < t_.gram_free; ++j) t_.size[1 + j] = a[t_.free[j]];
-    for (int i = t_.reduction.count; i < t_.basic; ++i)
+    for (int i = 0; i < t_.basic; ++i)
       if (a[t_.base[i]] != 0.0) subtract(t_.size, t_.G + static_cast<std::ptrdiff_t>(i) * t_.ld, a[t_.base[i]], width);
     if (!join(r, -1, t_.table->norm[r], kClear * t_.zero(static_cast<int>(&b - t_.table->block)))) return false;
     t_.newcomer[t_.newcomers++] = Newcomer{r, -1, bound};
@@ -129,7 +129,6 @@ class Updates {
     double* d = t_.direction;
     for (int i = 0; i < t_.n; ++i) d[i] = 0.0;
     d[variable] = 1.0;
-    for (int i = 0; i < t_.reduction.count; ++i) d[t_.reduction.base[i]] = -t_.reduction.row_of_G(i, t_.n)[variable];
     int q = 0;
     for (int k = 0; k <= t_.gram_level; ++k) {
       for (; q < t_.extras && t_.extra[q].level == k; ++q) follow(t_.extra[q], d);
