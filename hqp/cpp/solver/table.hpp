@@ -98,10 +98,7 @@ struct Table {
     for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
       const Level level = simplest(problem.levels[k], row);
       if (k == 0 && !level.A && take_box(level)) first = 1;
-      else if (!add(level)) {
-        identity_ = -1;
-        return false;
-      }
+      else if (!add(level)) return false;
     }
     measure();
     constraint_blocks = problem.constraints > first ? problem.constraints - first : 0;
@@ -269,46 +266,20 @@ struct Table {
       Level level;
       level.A = metric_rows;
       level.m = metric_root(problem.metric, n, metric_rows, scratch);
-      if (level.m < 0) {
-        identity_ = -1;
-        return false;
-      }
+      if (level.m < 0) return false;
       for (int i = 0; i < level.m; ++i)
         metric_rhs[i] =
             problem.origin ? dot_any(metric_rows + static_cast<std::ptrdiff_t>(i) * n, problem.origin, n) : 0.0;
       level.lower = level.upper = metric_rhs;
-      if (!add(level)) {
-        identity_ = -1;
-        return false;
-      }
+      if (!add(level)) return false;
     } else if (problem.origin) {
       last.lower = last.upper = problem.origin;
     }
     goal_ = last.lower;
-    if (last.lower == zeros && identity_ == rows) {
-      add_identity(last);
-      return true;
-    }
-    identity_ = last.lower == zeros ? rows : -1;
     return add(last);
   }
 
-  // The least norm again at the same place: its rows are as they were.
-  void add_identity(const Level& level) {
-    Block& b = block[blocks++];
-    b.A = nullptr;
-    b.index = level.index;
-    b.scale = level.scale;
-    b.rounding = 0.0;
-    b.norm = 1.0;
-    b.unequal_begin = b.unequal_end = inequalities;
-    b.equalities = true;
-    b.begin = rows;
-    b.end = rows += level.m;
-  }
-
   const double* goal_ = nullptr;  // (n,) of the last level
-  int identity_ = -1;             // start of the rows of the least norm, if they are still present
 
   // Level 0 as bounds on variables, if every row picks one and the bounds agree.
   bool take_box(const Level& level) {
