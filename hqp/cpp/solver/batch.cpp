@@ -1,5 +1,4 @@
-// Many problems of one shape on several threads, the interpreter's lock released: a kernel a thread, and stages where
-// levels have a price; arrays in and out.
+// Many problems of one shape on several threads, the interpreter's lock released; arrays in and out.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -11,11 +10,10 @@
 #include <thread>
 #include <vector>
 
-#include "../common/isa.hpp"
+#include "../priced/level_solve.hpp"
 #include "../priced/planned.hpp"
 #include "../rows/live_plan.hpp"
 #include "batch.hpp"
-#include "kernel.hpp"
 #include "reading.hpp"
 
 namespace nb = nanobind;
@@ -122,34 +120,22 @@ class Batch {
       const std::size_t workers = std::min<std::size_t>(static_cast<std::size_t>(threads), count ? count : 1);
       while (workers_.size() < workers) workers_.push_back(made());
       std::atomic<std::size_t> next{0};
-      const auto work = [&](Worker& worker) {
+      const auto work = [&](hqp::LevelSolve& worker) {
+        const std::size_t n = static_cast<std::size_t>(n_);
         for (std::size_t from; (from = next.fetch_add(kChunk)) < count;)
-          for (std::size_t i = from; i < std::min(from + kChunk, count); ++i) {
-            hqp::Answer answer;
-            answer.hard = worker.hard.data();
-            answer.x = x.data() + i * static_cast<std::size_t>(n_);
-            answer.slack = slack.data() + i * total;
-            answer.active = active.data() + i * total;
-            if (laws_[i].prices) problems_[i].motion = laws_[i].F, problems_[i].motion_rows = laws_[i].r;
-            worker.kernel->reset(false);
-            worker.kernel->solve(problems_[i], options_, answer);
-            if (staged()) follow(worker, i, answer, points.data() + i * rows_.size() * static_cast<std::size_t>(n_));
-            std::int32_t* counts = effort.data() + 4 * i;
-            counts[0] = static_cast<std::int32_t>(answer.outcome);
-            counts[1] = answer.iterations;
-            counts[2] = answer.factorisations;
-            counts[3] = answer.unsure;
-          }
+          for (std::size_t i = from; i < std::min(from + kChunk, count); ++i)
+            solve_one(worker, i, x.data() + i * n, slack.data() + i * total, active.data() + i * total,
+                      effort.data() + 4 * i, points.data() + i * rows_.size() * n);
       };
       std::vector<std::thread> others;
       for (std::size_t w = 1; w < workers; ++w) {
         try {
-          others.emplace_back(work, std::ref(workers_[w]));
+          others.emplace_back(work, std::ref(*workers_[w]));
         } catch (const std::system_error&) {
           break;  // fewer threads than requested
         }
       }
-      work(workers_[0]);
+      work(*workers_[0]);
       for (std::thread& thread : others) thread.join();
     } catch (...) {
       busy_.store(false);
@@ -159,58 +145,35 @@ class Batch {
   }
 
  private:
-  struct Worker {
-    std::unique_ptr<hqp::Kernel> kernel;
-    std::unique_ptr<hqp::PricedStages> stages;
-    std::vector<double> last, hard;
-  };
-
   bool staged() const { return std::find(priced_.begin(), priced_.end(), 1) != priced_.end(); }
 
-  Worker made() const {
-    const int levels = static_cast<int>(rows_.size());
-    Worker worker;
-    worker.kernel.reset(hqp::make_kernel(n_, levels, rows_.data(), metric_));
-    worker.hard.resize(static_cast<std::size_t>(n_));
-    if (!staged()) return worker;
-    const std::unique_ptr<bool[]> marks(new bool[priced_.size()]);
-    std::copy(priced_.begin(), priced_.end(), marks.get());
-    worker.stages.reset(HQP_FOR_MACHINE(make_stages, n_, levels, rows_.data(), marks.get(), tolerances_));
-    worker.stages->only_once();
-    worker.last.resize(static_cast<std::size_t>(n_));
+  std::unique_ptr<hqp::LevelSolve> made() const {
+    auto worker = std::make_unique<hqp::LevelSolve>(n_, rows_, metric_, options_, priced_, tolerances_);
+    if (staged()) worker->stages().only_once();
     return worker;
   }
 
-  // The stages of the levels that an exact answer does not settle; the outcome is unsure if it needs more than an
-  // optimum.
-  void follow(Worker& worker, std::size_t i, hqp::Answer& answer, double* points) {
-    hqp::PricedStages& stages = *worker.stages;
-    const hqp::Problem& problem = problems_[i];
-    std::fill(points, points + rows_.size() * static_cast<std::size_t>(n_), std::numeric_limits<double>::quiet_NaN());
-    if (!laws_[i].prices) return;
-    if (answer.outcome != hqp::Outcome::optimal || answer.unsure) {
-      answer.unsure = true;
-      return;
-    }
-    for (std::size_t k = 0; k < rows_.size(); ++k) {
-      const hqp::Level& level = problem.levels[k];
-      stages.levels()[k] = {level.m, level.A, level.index, level.scale, level.lower, level.upper};
-    }
-    stages.bind(laws_[i], {problem.metric, problem.origin});
-    stages.reset();
-    if (stages.solve(worker.hard.data(), 0, 0.0, points, worker.last.data()) < 0) return;
-    std::copy(worker.last.begin(), worker.last.end(), answer.x);
-    if (stages.ended()) {
-      int count = 0;
-      const double* const unseen = worker.kernel->unseen(problem, options_, count);
-      stages.complete(unseen, count, answer.x);
-      worker.kernel->choose(problem, options_, answer.x, false);
-    }
-    answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
-    const double* allowed = worker.kernel->allowed();
-    answer.unsure =
-        stages.describe(answer.x, problem.constraints, allowed, answer.slack, answer.active) || answer.unsure;
-    answer.iterations += stages.iterations();
+  // Solve problem i cold; the outcome is unsure if it needs more than an optimum.
+  void solve_one(hqp::LevelSolve& worker, std::size_t i, double* x, double* slack, std::int8_t* active,
+                 std::int32_t* effort, double* points) {
+    hqp::BoundKernel& exact = worker.exact();
+    exact.levels.assign(problems_[i].levels, problems_[i].levels + rows_.size());
+    exact.problem = problems_[i];
+    exact.problem.levels = exact.levels.data();
+    if (staged()) worker.bind(laws_[i]);
+    worker.reset();
+    const hqp::Solved found = worker.run(nullptr);
+    const double* const values = found.values ? found.values : exact.numbers().data();
+    const std::int8_t* const marks = found.active ? found.active : exact.marks();
+    std::copy(values, values + n_, x);
+    std::copy(values + n_, values + n_ + total_, slack);
+    std::copy(marks, marks + total_, active);
+    const bool unsure = found.unsure || (found.points && worker.stages().uncertain());
+    const int counts[] = {found.outcome, found.iterations, found.factorisations, unsure};
+    std::copy(counts, counts + 4, effort);
+    const std::size_t all = staged() ? rows_.size() * static_cast<std::size_t>(n_) : 0;
+    if (found.points) std::copy(found.points, found.points + all, points);
+    else std::fill(points, points + all, std::numeric_limits<double>::quiet_NaN());
   }
 
   static constexpr std::size_t kChunk = 16;
@@ -225,7 +188,7 @@ class Batch {
   std::vector<char> priced_;  // (levels,)
   hqp::Tolerances tolerances_;
   std::vector<hqp::Law> laws_;
-  std::vector<Worker> workers_;
+  std::vector<std::unique_ptr<hqp::LevelSolve>> workers_;
   std::atomic<bool> busy_{false};
 
   void resize(std::size_t count) {
