@@ -14,7 +14,6 @@ struct Start {
   WorkingSet set;
   double* x = nullptr;      // (n,)
   double* slack = nullptr;  // (blocks,) norms of the slacks of the levels
-  int optimal = 0;          // number of leading levels at their optimum
   bool current = false;     // the equality problem and its multipliers are still those of this set
 
   void layout(Arena& arena, int n, int rows, int blocks) {
@@ -30,7 +29,6 @@ struct Start {
     table.product(x, state.point.v);
     for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = table.outside(k, state.point.v);
     set.restore(table, state.problem.set);
-    optimal = 0;
     current = false;
   }
 
@@ -46,7 +44,6 @@ struct Start {
     if (lexicographic_order(table.blocks - 1, now, best) >= 0) return;
     for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = now(k);
     current = outside == 0 && state.iterations == 1;
-    optimal = outside == 0 ? state.multipliers.highest() : 0;
     set.restore(table, problem.set);
     for (int q = 0; q < table.inequalities; ++q) {
       const int r = table.unequal[q];

@@ -50,7 +50,7 @@ struct EqualityProblem {
     const Changes& changes = set.changes;
     if (!updating || !changes.known) return false;
     if (changes.front >= 0) return updates.rewind(changes.front) && leave_all() && join_all();
-    if (changes.joined == 0) return updates.deepen(set.W);
+    if (changes.joined == 0) return false;
     const int last = tableau.gram_level, before = tableau.newcomers;
     if (last >= 0 && updates.rewind(last) && join_all()) return true;
     tableau.newcomers = before;

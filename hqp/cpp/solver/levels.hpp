@@ -34,12 +34,7 @@ class Levels {
 
   // Solve the levels from `from` on.
   void descend(int from, const std::int8_t* W) {
-    const int last = t_.table->blocks - 1;
-    t_.solved = t_.lowest < last ? t_.lowest : last - 1;
-    for (int k = from; k <= last; ++k) {
-      if (k <= t_.solved || k == last) level(k, W);
-      else leave_out(k);
-    }
+    for (int k = from; k < t_.table->blocks; ++k) level(k, W);
     for (int i = 0; i < t_.basic; ++i) t_.x[t_.base[i]] = t_.G[static_cast<std::ptrdiff_t>(i) * t_.ld];
     if (t_.gram_free) gram_.solution();
   }
@@ -64,15 +59,6 @@ class Levels {
         t_.free[t_.rest++] = i;
       }
     }
-  }
-
-  void leave_out(int k) {
-    Stage& s = t_.stage[k];
-    s.kind = Stage::kIdle;
-    s.rank = s.m = 0;
-    s.before = t_.basic;
-    s.residual = -1.0;
-    t_.snapshot[k].valid = false;
   }
 
   void level(int k, const std::int8_t* W) {

@@ -51,7 +51,7 @@ struct Multipliers {
       if (W[t.unequal[q]]) open[open_rows++] = t.unequal[q];
     if (!pending()) return;
     const double span = t.span(tableau->x);
-    for (int k = 0; k < t.blocks && k <= tableau->lowest && pending(); ++k) {
+    for (int k = 0; k < t.blocks && pending(); ++k) {
       const double norm = t.block[k].norm;
       if (norm <= t.block[k].rounding) continue;
       const double length = slack(k, W, v, span);

@@ -28,9 +28,7 @@ class SeenSets {
   int count_ = 0;
 };
 
-// It stops where steps of no length follow one another or a working set comes again. Until the highest levels are
-// optimal the others are left out and x moves only as far as those require: a distant target is soon stopped by a
-// bound.
+// It stops where steps of no length follow one another or a working set comes again.
 class PrimalDescent {
  public:
   explicit PrimalDescent(SearchState& state)
@@ -54,15 +52,11 @@ class PrimalDescent {
     point_.current = false;
     seen_.forget();
     tableau_.recording = true;
-    tableau_.lowest = start.optimal < kAlone ? 0 : Tableau::kNowhere;
     if (start.current) release_some();
-    const bool ended = descend();
-    if (leaves_out()) take_all();
-    return ended;
+    return descend();
   }
 
  private:
-  static constexpr int kAlone = 2;  // highest levels that are solved one after the other, without those below
   SearchState& state_;
   EqualityProblem& problem_;
   Table& table_;
@@ -76,36 +70,24 @@ class PrimalDescent {
     const Multipliers& multipliers = state_.multipliers;
     int idle = 0;
     while (!state_.out_of_time()) {
-      if (leaves_out()) table_.rest_at(point_.x);
       if (state_.iterations % 16 == 0 || !point_.current) table_.product(point_.x, point_.v);
       point_.current = false;
       set_.sort(table_, point_.v, table_.span(point_.x));
       state_.solve();
       if (!step_.advance() || oversteps()) {
         idle = step_.length > 0.0 ? 0 : idle + 1;
-        if (idle <= kIdle) continue;
-        if (!leaves_out()) return false;
-        take_all();
-        idle = 0;
+        if (idle > kIdle) return false;
         continue;
       }
       state_.multipliers.judge(set_.W, set_.F, problem_.values, true);
       if (multipliers.count == 0) {
-        if (leaves_out()) {
-          ++tableau_.lowest;
-          if (tableau_.lowest == kAlone || !leaves_out()) take_all();
-          set_.changes.start();
-        } else if (tableau_.has_released && state_.doubtful()) {
-          set_.changes.forget();  // judged on a tableau of its own
-        } else {
+        if (!tableau_.has_released || !state_.doubtful()) {
           state_.accept();
           return true;
         }
+        set_.changes.forget();  // judged on a tableau of its own
       } else if (!seen_.contains(set_.hash(table_))) {
         release_some();
-      } else if (leaves_out()) {
-        take_all();
-        set_.changes.forget();
       } else {
         return false;
       }
@@ -124,15 +106,6 @@ class PrimalDescent {
     set_.changes.forget();
     step_.length = 0.0;
     return true;
-  }
-
-  // Return true if levels are left out below the present ones.
-  bool leaves_out() const { return tableau_.lowest < table_.blocks - 1; }
-
-  // From now on all levels count.
-  void take_all() {
-    tableau_.lowest = Tableau::kNowhere;
-    table_.rest_at(nullptr);
   }
 
   // At the highest level that is held back: the strongest and those at least half as strong.

@@ -148,13 +148,6 @@ struct Table {
     return over > tolerance * own + rounding;
   }
 
-  // Minimise the distance to this point in the last level; null: the problem's own objective.
-  void rest_at(const double* point) {
-    const Block& b = block[blocks - 1];
-    const double* goal = point ? point : goal_;
-    for (int i = 0; i < n; ++i) lower[b.begin + i] = upper[b.begin + i] = goal[i];
-  }
-
   const Block& block_of(int r) const {
     const Block* b = block;
     while (b->end <= r) ++b;
@@ -275,11 +268,8 @@ struct Table {
     } else if (problem.origin) {
       last.lower = last.upper = problem.origin;
     }
-    goal_ = last.lower;
     return add(last);
   }
-
-  const double* goal_ = nullptr;  // (n,) of the last level
 
   // Level 0 as bounds on variables, if every row picks one and the bounds agree.
   bool take_box(const Level& level) {

@@ -74,8 +74,6 @@ struct Tableau {
   double* preference = nullptr;  // (n,) weight of a variable among the pivots
   Stage* stage = nullptr;
   Snapshot* snapshot = nullptr;
-  int lowest = 1 << 30;    // levels below this one are left out but for the last
-  int solved = 0;          // the lowest level that the tableau solved but for the last
   bool recording = false;  // keep snapshots, for changes in front of any level
   Extra* extra = nullptr;
   int extras = 0;
@@ -93,7 +91,7 @@ struct Tableau {
   int gram_free = 0;
   double rank_tolerance = 0.0;
   double least = 0.0;                       // smallest entry of `diagonal`
-  static constexpr int kNowhere = 1 << 30;  // no place, and a level below all
+  static constexpr int kNowhere = 1 << 30;  // no place
 
   void layout(Arena& arena, int n_, int blocks, const int* m) {
     n = n_;

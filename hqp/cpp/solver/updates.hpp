@@ -102,27 +102,15 @@ class Updates {
   }
 
   // Solve the levels from gram_level on again.
-  void resume(const std::int8_t* W) { resume(W, t_.gram_level); }
-
-  // The levels that were left out until now, where everything else stands.
-  bool deepen(const std::int8_t* W) {
-    if (t_.lowest <= t_.solved || t_.gram_level != t_.table->blocks - 1) return false;
-    for (int q = 0; q < t_.extras; ++q)  // a row of a level that was left out would stand above it
-      if (t_.extra[q].row >= t_.table->block[t_.solved].end) return false;
-    for (int q = 0; q < t_.extras; ++q)
-      if (t_.extra[q].level == t_.gram_level) t_.extra[q].level = t_.solved + 1;
-    resume(W, t_.solved + 1);
-    return true;
-  }
-
- private:
-  void resume(const std::int8_t* W, int from) {
+  void resume(const std::int8_t* W) {
+    const int from = t_.gram_level;
     t_.rest = t_.gram_free;
     t_.gram_free = 0;
     t_.gram_level = -1;
     levels_.descend(from, W);
   }
 
+ private:
   // Compute the response of the basic variables to a unit move of a held one, in `direction`; false where levels above
   // would not.
   bool respond(int variable) {
