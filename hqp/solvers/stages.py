@@ -151,8 +151,7 @@ class StagedWorkspace:
         """
         status, x = exact.status, exact.x
         near = status.solved or (status is Status.NOT_CERTIFIED and self._has_prices and self.native.unpriced_met(x))
-        unsure = status is Status.RANK_UNCERTAIN or exact.detail == UNSURE
-        return near and bool(self.native.follow(x, unsure))
+        return near and bool(self.native.follow(x))
 
     def _staged(self, problem: Hierarchy, exact: Stats, others: Sequence[Callable[[], Solution]] = ()) -> Solution:
         """The answer of the latest stages; if stopped early, a point that satisfies the rows of the levels above.

@@ -97,7 +97,7 @@ class LevelSolve final : public SolveCall {
     // the levels without a price met.
     const double* x = exact_.hard().data();
     const bool near = begins(found) || (found.outcome == kNotCertified && has_prices_ && stages_->unpriced_met(x));
-    if (near && follow(x, 0, found.unsure) >= 0) found.outcome = kUnsettled;
+    if (near && follow(x, 0) >= 0) found.outcome = kUnsettled;
     return found;
   }
   // Begin with stages from the level that was unmet last, on its last active set, or from the exact answer of the
@@ -114,7 +114,7 @@ class LevelSolve final : public SolveCall {
     }
     BoundKernel& prefix = this->prefix(level);
     found = summary(prefix.solve());
-    if (begins(found) && follow(prefix.numbers().data(), level, found.unsure) >= 0) {
+    if (begins(found) && follow(prefix.numbers().data(), level) >= 0) {
       found.outcome = kUnsettled;
       return true;
     }
@@ -130,17 +130,17 @@ class LevelSolve final : public SolveCall {
     if (std::exchange(shortened_, false)) exact_.limit(limit_);
     return answer;
   }
-  // The stages from x, an answer of the exact kernel or another; unsure: a rank of it was uncertain.
-  int follow_from(const double* x, bool unsure) {
+  // The stages from x, an answer of the exact kernel or another.
+  int follow_from(const double* x) {
     std::vector<double>& hard = exact_.hard();
     if (!std::equal(x, x + hard.size(), exact_.numbers().begin())) {
       std::copy(x, x + hard.size(), hard.begin());
       exact_.choose(hard.data(), true);
     }
-    return follow(hard.data(), 0, unsure);
+    return follow(hard.data(), 0);
   }
   // See PricedStages::solve.
-  int follow(const double* x, int prefix, bool unsure = false) {
+  int follow(const double* x, int prefix) {
     if (!has_prices_) return -1;
     const int first = stages_->solve(x, prefix, left(), points_.data(), end_.data());
     if (first >= 0 && stages_->ended()) {
@@ -149,7 +149,6 @@ class LevelSolve final : public SolveCall {
       stages_->complete(unseen, count, end_.data());
       exact_.choose(end_.data(), false);
     }
-    if (unsure) stages_->mistrust();
     staged_ = first >= 0 && stages_->ended();
     source_ = first < 0 || (staged_ && x) ? prefix : -1;
     prefix_ = std::max(first, 0);

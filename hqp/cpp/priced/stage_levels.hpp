@@ -50,8 +50,6 @@ class StageLevels final : public PricedStages {
       if (!(law_.prices[k] > 0.0) && !levels_.met(k, x)) return false;
     return true;
   }
-  // It is doubtful if a level left what x misses of it.
-  void mistrust() override { inexact_ = inexact_ || left_unmet_; }
   void reset() override { stage_.reset(), settled_.forget(); }
   void only_once() override { settled_.only_once(); }
   void keep(CarryOver& warm) override { stage_.keep(warm), settled_.keep(warm); }
@@ -72,12 +70,13 @@ class StageLevels final : public PricedStages {
     begin(seconds);
     if (x) settled_.begin(motions_.base(), law_.prices, x);
     int first = -1;
+    bool kept = true;  // no level without a price has had a stage
     for (int k = x ? 0 : prefix; k < levels_.count(); ++k) {
       const bool priced = law_.prices[k] > 0.0;
-      const bool met = above_.anchors().empty();  // all levels so far: x keeps to the rows that they leave
+      const bool met = kept && above_.anchors().empty();  // all levels so far: x keeps to the rows that they leave
       if (met && k > last_) break;
       const bool unmet = prefix > 0 && k == prefix;  // unmet a tick ago: its stage decides
-      const bool settled = met && (!priced || (!unmet && settled_.meets(k)));
+      const bool settled = met && (priced ? !unmet && settled_.meets(k) : first < 0 || !x || levels_.met(k, x));
       if (settled && unmet) return -2;
       if (settled && first < 0) continue;
       if (first < 0) {
@@ -86,9 +85,11 @@ class StageLevels final : public PricedStages {
         const bool usable = levels_.measure();
         motions_.rounding(stage_.find_rounding());
         if (!usable) return -2;
-        for (int l = 0; l < k; ++l) {
-          above_.leave(l, x);
-          left_unmet_ = left_unmet_ || (x && !(law_.prices[l] > 0.0) && !levels_.met(l, x));
+        int l = 0;  // a level without a price that x does not meet has a stage of its own
+        for (; l < k && (!x || law_.prices[l] > 0.0 || levels_.met(l, x)); ++l) above_.leave(l, x);
+        if (l < k) {
+          k = l - 1;
+          continue;
         }
       }
       if (settled) {
@@ -108,6 +109,7 @@ class StageLevels final : public PricedStages {
       }
       if (asks) std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       if (above_.anchors().empty() && unmet) return -2;
+      kept = kept && priced;
     }
     if (above_.anchors().empty() && stage_.ended()) return -1;  // every level hands down its rows as they are
     look_from(x_.data());
@@ -156,7 +158,7 @@ class StageLevels final : public PricedStages {
     motions_.set(law_.F, law_.f, law_.r);
     motions_.rounding(0.0);
     above_.begin(), stage_.begin();
-    inexact_ = left_unmet_ = far_ = false, completed_ = 0;
+    inexact_ = far_ = false, completed_ = 0;
   }
 
   // Return true if the levels above k, of which x_ keeps to all rows, are met for their prices.
@@ -175,8 +177,7 @@ class StageLevels final : public PricedStages {
   int n_, last_ = -1;  // last_: the last level that may have a price
   int completed_ = 0;  // iterations of the completion
   bool inexact_ = false;
-  bool left_unmet_ = false;  // a level without a price handed down what the answer x misses of it
-  bool far_ = false;         // an unmet level left its values too far from the answer
+  bool far_ = false;  // an unmet level left its values too far from the answer
   Law law_;
   Completion completion_;
   Tolerances tolerances_;

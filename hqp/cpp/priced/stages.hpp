@@ -86,7 +86,6 @@ class PricedStages {
   virtual bool unpriced_met(const double* x) = 0;  // levels without a price above the last priced one are met
   virtual bool undecided() const = 0;              // the answer depends on uncertain directions of lower levels
   virtual bool doubtful() const = 0;               // a stage may have ended off its optimum by more than rounding
-  virtual void mistrust() = 0;                     // the answer that the stages began with is uncertain
   virtual void reset() = 0;                        // forget the warm start
   virtual void only_once() = 0;                    // skip preparations for the next problem
   // Collect the warm start and reusable results.

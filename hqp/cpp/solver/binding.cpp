@@ -168,11 +168,11 @@ class Workspace final : public hqp::SolveCall {
     }
     return found.outcome == hqp::kAskPython ? nb::none() : nb::object(counts(found));
   }
-  bool follow(const Vector& x, bool unsure) {
+  bool follow(const Vector& x) {
     const Lock lock(busy_);
     const double* from = sized(x, n_);
     const nb::gil_scoped_release release;
-    return core_.follow_from(from, unsure) >= 0;
+    return core_.follow_from(from) >= 0;
   }
   bool unpriced_met(const Vector& x) { return core_.stages().unpriced_met(sized(x, n_)); }
   int prefix() const { return core_.prefix(); }
@@ -398,7 +398,7 @@ NB_MODULE(_lexicographic, m) {
       .def("limit_stages", &Workspace::limit_stages, "seconds"_a)
       .def("price", &Workspace::price, "hierarchy"_a)
       .def("begin", &Workspace::begin)
-      .def("follow", &Workspace::follow, "x"_a, "unsure"_a = false)
+      .def("follow", &Workspace::follow, "x"_a)
       .def("unpriced_met", &Workspace::unpriced_met, "x"_a)
       .def_prop_ro("prefix", &Workspace::prefix)
       .def("elapsed", &Workspace::elapsed)
