@@ -433,7 +433,6 @@ class Walker:
     state: WalkState
     why: list[str]
     stands: bool
-    rubs: bool
     support: str
     stopping_time: float
     pieces: list[tuple[float, _Two, _Two]]
@@ -464,8 +463,11 @@ class Walker:
     ) -> None:
         """Compute the references for a CoM and two soles, each a position and a rotation row by row."""
 
-    def overcome(self, v: Vec, acceleration: Vec | None) -> None:
-        """Add the friction of the joints to the torques of this tick; acceleration: that of v, None if unknown."""
+    def observe(self, v: Vec, found: Vec) -> None:
+        """Write the rates of this tick without their noise."""
+
+    def moves(self, acceleration: Vec | None) -> None:
+        """Take the acceleration by the torques of this tick, None if unknown: next rates, friction to overcome."""
 
     def finish(self, command: Vec, loads: Vec | None) -> None:
         """End the tick: scale and bound the torques in place."""
@@ -481,6 +483,19 @@ class FeetEstimator:
     def __init__(self, tree: object, q: Vec) -> None: ...
     def update(self, q: Vec, v: Vec, specific_force: Vec, loads: Vec, found_q: Vec, found_v: Vec) -> None:
         """Write the state with the estimated base."""
+
+class RateObserver:
+    """Rates of some columns without their noise, see ``estimation.RateObserver``."""
+
+    def __init__(self, columns: Sequence[int], nv: int, keeps: float) -> None: ...
+    def update(self, v: Vec) -> None:
+        """Correct measured rates in place."""
+
+    def expect(self, v: Vec) -> None:
+        """Take the rates that the command leads to."""
+
+    def forget(self) -> None:
+        """Expect nothing."""
 
 class Filter:
     """Filter behind a policy, see ``policies.PolicyFilter``.

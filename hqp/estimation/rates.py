@@ -30,8 +30,10 @@ class RateObserver:
         for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s")):
             if not (math.isfinite(value) and value > 0.0):
                 raise DeclarationError("observer", f"bad {what}", value=value, unit=unit, allowed="positive")
-        self._share, self._joints = 1.0 - math.exp(-bandwidth * period), robot.actuated
-        self._last: Vec | None = None
+        from hqp import _session  # a package without compiled parts imports this room
+
+        columns = [int(column) for column in robot.actuated]
+        self._native = _session.RateObserver(columns, robot.nv, math.exp(-bandwidth * period))
 
     def update(self, v: Vec, tick: Any = None) -> Vec:
         """The estimate ``(nv,)`` [rad/s, m/s] from measured rates; tick: the last one, None for the first.
@@ -43,10 +45,8 @@ class RateObserver:
         if not np.isfinite(found).all():
             return found
         if tick is None:
-            self._last = None
+            self._native.forget()
         elif tick.solution is not None:
-            self._last = np.asarray(tick.advance()[1])[self._joints]
-        if self._last is not None:
-            found[self._joints] = self._last + self._share * (found[self._joints] - self._last)
-        self._last = found[self._joints].copy()
+            self._native.expect(np.ascontiguousarray(tick.advance()[1]))
+        self._native.update(found)
         return found

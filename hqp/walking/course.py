@@ -93,6 +93,7 @@ class Course:
         self.state: State = robot.state(q)
         """Latest state given to the walker."""
         self.observers = () if feels else tuple(observer(robot, foot, walker.dt) for foot in walker.feet)
+        self._twin = robot.copy()
         self._loads = np.full(2, 0.5 * walker.weight)
         self._sent = deque([np.zeros(len(self.plant.joint_names))] * round(delay / walker.dt))
         self._kp = None if servo is None else np.array([servo.gain(name) for name in self.plant.joint_names])
@@ -110,13 +111,14 @@ class Course:
         self._sent.append(tick.command.copy())
         acts = self._sent.popleft()
         if self.observers:
-            self._loads = np.array([each.update(self.state, acts)[2] for each in self.observers])
+            felt = self._twin.state(q, v)
+            self._loads = np.array([each.update(felt, acts)[2] for each in self.observers])
         if push is not None:
             self.plant.push(self.base, np.asarray(push, dtype=np.float64))
         if self._kp is None:
             self.plant.step(tick.command, steps=self._steps)
         else:
-            angles, rates = self.walker.positions(self.state, tick, self._kp, self._delay)
+            angles, rates = self.walker.positions(tick, self._kp, self._delay)
             self.plant.step(angles, rates, steps=self._steps)
         return tick
 

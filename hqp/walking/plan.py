@@ -82,9 +82,10 @@ def advance(walker: Walker, q: Vec, v: Vec) -> tuple[Vec, Vec, Tick]:
     """One tick of a walker and its own model under it: (q, v) after it, and the tick."""
     state, first = walker.robot.state(q, v), walker.time == 0.0
     tick = walker.step(state, _loads(walker, state))
-    q, v = walker.session.program.advance(state, tick.x)
+    v = v + walker.dt * walker.session.acceleration(tick.x)
+    q = walker.robot.integrate(q, v, walker.dt)
     if walker.event in ("shift", "stand") and not first:
-        v = _stopped(walker, state, v)
+        v = _stopped(walker, tick.state, v)
     return q, v, tick
 
 

@@ -23,8 +23,7 @@ def test_the_weight_stays_inside_the_cone_of_any_foot(name: str, seed: int) -> N
         q, v = walker.start.copy(), np.zeros(robot.nv)
         q[3:7] += rng.uniform(-0.25, 0.25, 4)
         q[3:7] /= np.linalg.norm(q[3:7])
-        state = robot.state(q, v)
-        walker.step(state)
+        state = walker.step(robot.state(q, v)).state
         for foot, normal in zip(walker.feet, walker._native.normals, strict=True):
             up = state.rotation(foot.frame)[:, 2]
             tilt, found = (math.atan2(math.hypot(n[0], n[1]), n[2]) for n in (up, normal))

@@ -162,12 +162,12 @@ def test_servos_bear_the_torque_in_the_mean() -> None:
     robot = hqp.robots.load("g1", rotors=True)
     walker = Walker(robot, dt=DT, deadline=np.inf)
     v = 0.1 * np.random.default_rng(0).normal(size=robot.nv)
-    state = robot.state(walker.start, v)
-    tick = walker.step(state)
+    tick = walker.step(robot.state(walker.start, v))
+    state = tick.state
     motors, kp, kv = robot.actuated, 500.0, 15.0
     a = (tick.advance()[1] - v)[motors] / DT
     for delay in (0.0, 0.004):
-        angles, rates = walker.positions(state, tick, np.full(len(motors), kp), delay)
+        angles, rates = walker.positions(tick, np.full(len(motors), kp), delay)
         t = delay + DT * (np.arange(100)[:, None] + 0.5) / 100
         off, faster = angles - state.angles[motors] - t * v[motors] - 0.5 * t * t * a, rates - v[motors] - t * a
         torques = np.mean(kp * off + kv * faster, axis=0)
@@ -262,13 +262,12 @@ def test_what_a_foot_bears_by_a_toe_is_a_landing_when_its_time_is_up() -> None:
     walker.go()
     q, v, swung = walker.start, np.zeros(walker.robot.nv), 0
     for _ in range(800):
-        state = walker.robot.state(q, v)
         left = 0.02 if walker.phase == "swing" else 0.5
-        tick = walker.step(state, loads=np.array([left, 1.0 - left]) * walker.weight)
+        tick = walker.step(walker.robot.state(q, v), loads=np.array([left, 1.0 - left]) * walker.weight)
         swung += walker.phase == "swing"
         if swung and walker.event == "shift":
             break
-        q, v = walker.session.program.advance(state, tick.x)
+        q, v = tick.advance()
     assert swung * DT == pytest.approx(0.3, abs=0.01)
 
 

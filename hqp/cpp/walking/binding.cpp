@@ -1,6 +1,7 @@
 // Python's view of walks: plans, footsteps, swings, walkers and the estimator.
 #include "binding.hpp"
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -14,6 +15,7 @@
 
 #include "../rows/live_plan.hpp"
 #include "feet_estimator.hpp"
+#include "rate_observer.hpp"
 #include "walker.hpp"
 
 namespace binding {
@@ -72,11 +74,15 @@ class LiveWalker {
     require(torques.size() == walker_.motors() && (!loads || loads->size() == 2), "command or loads");
     walker_.finish(loads ? loads->data() : nullptr, torques.data());
   }
-  // acceleration: change of v in time (nv), none for an unsolved tick.
-  void overcome(const Vector& v, const std::optional<Vector>& acceleration) {
-    const auto nv = std::size_t(kinematics_.nv());
-    require(v.size() == nv && (!acceleration || acceleration->size() == nv), "v or acceleration");
-    walker_.overcome(v.data(), [&](std::size_t column) { return acceleration ? acceleration->data()[column] : 0.0; });
+  void observe(const Vector& v, const Written& found) {
+    require(int(v.size()) == kinematics_.nv() && int(found.size()) == kinematics_.nv(), "v");
+    const std::vector<double>& rates = walker_.observe(v.data());
+    std::copy(rates.begin(), rates.end(), found.data());
+  }
+  // acceleration: change of the rates in time (nv), none for an unsolved tick.
+  void moves(const std::optional<Vector>& acceleration) {
+    require(!acceleration || int(acceleration->size()) == kinematics_.nv(), "acceleration");
+    walker_.moves([&](std::size_t column) { return acceleration ? acceleration->data()[column] : 0.0; });
   }
   hqp::Walker& get() { return walker_; }
 
@@ -116,6 +122,25 @@ class LiveEstimator {
  private:
   std::vector<nb::object> kept_;
   hqp::FeetEstimator estimator_;
+};
+
+// Rates of the columns of a robot.
+class LiveRates {
+ public:
+  LiveRates(const std::vector<std::size_t>& columns, std::size_t nv, double keeps)
+      : observer_(columns, keeps), nv_(nv) {
+    for (const std::size_t column : columns) require(column < nv, "columns");
+  }
+  void update(const Written& v) { require(v.size() == nv_, "v"), observer_.update(v.data()); }
+  void expect(const Vector& v) {
+    require(v.size() == nv_, "v");
+    observer_.expect([&](std::size_t column) { return v.data()[column]; });
+  }
+  void forget() { observer_.forget(); }
+
+ private:
+  hqp::RateObserver observer_;
+  std::size_t nv_;
 };
 
 template <class T, std::size_t n>
@@ -274,8 +299,8 @@ void bind_walking(nb::module_& module) {
       .def("stop", [](LiveWalker& w) { w.get().stop(); })
       .def("step", &LiveWalker::step, "q"_a, "v"_a, "loads"_a.none())
       .def("step_on", &LiveWalker::step_on, "com"_a, "velocity"_a, "soles"_a, "loads"_a.none())
-      .def("overcome", &LiveWalker::overcome, "v"_a, "acceleration"_a.none())
-      .def_prop_ro("rubs", [](LiveWalker& w) { return w.get().rubs(); })
+      .def("observe", &LiveWalker::observe, "v"_a, "found"_a.noconvert())
+      .def("moves", &LiveWalker::moves, "acceleration"_a.none())
       .def("finish", &LiveWalker::finish, "command"_a.noconvert(), "loads"_a.none())
       .def(
           "planned", [](LiveWalker& w, double time) { return pair(w.get().plan().at(time).first); }, "time"_a)
@@ -316,6 +341,11 @@ void bind_walking(nb::module_& module) {
       .def("update", &LiveEstimator::update, "q"_a, "v"_a, "specific_force"_a, "loads"_a, "found_q"_a.noconvert(),
            "found_v"_a.noconvert())
       .def_prop_ro("slipping", &LiveEstimator::slipping);
+  nb::class_<LiveRates>(module, "RateObserver")
+      .def(nb::init<const std::vector<std::size_t>&, std::size_t, double>(), "columns"_a, "nv"_a, "keeps"_a)
+      .def("update", &LiveRates::update, "v"_a.noconvert())
+      .def("expect", &LiveRates::expect, "v"_a)
+      .def("forget", &LiveRates::forget);
 }
 
 }  // namespace binding

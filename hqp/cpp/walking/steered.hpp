@@ -51,17 +51,17 @@ class Steered {
   // One tick; command: the torques, those of the tick scaled and bounded by the walker.
   const Tick& step(Walker& walker, Stacks& session, const double* q, const double* v, const double* loads,
                    const StateFacts& facts, double* command) {
-    kinematics_->update(q, v);
+    const double* rates = walker.observe(v).data();
+    kinematics_->update(q, rates);
     walker.biped().read(*kinematics_);
     walker.step(loads);
     session.phase(walker.support());
     refer(walker, session);
-    const Tick& tick = session.step(q, v, facts);
+    const Tick& tick = session.step(q, rates, facts);
     std::copy(tick.command().begin(), tick.command().end(), command);
-    if (walker.rubs())
-      walker.overcome(v, [&](std::size_t column) {
-        return tick.solved() ? session.current().line().torque()->acceleration(column, tick.x().data()) : 0.0;
-      });
+    walker.moves([&](std::size_t column) {
+      return tick.solved() ? session.current().line().torque()->acceleration(column, tick.x().data()) : 0.0;
+    });
     walker.finish(loads, command);
     return tick;
   }

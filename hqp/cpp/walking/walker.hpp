@@ -16,6 +16,7 @@
 #include "biped.hpp"
 #include "joint_friction.hpp"
 #include "pendulum.hpp"
+#include "rate_observer.hpp"
 #include "swing.hpp"
 
 namespace hqp {
@@ -83,7 +84,9 @@ class Walker {
         pendulum_(p.number("pendulum")),
         k_(p.number("k")),
         weight_(p.number("weight")),
-        steepest_(p.number("steepest")) {
+        steepest_(p.number("steepest")),
+        rates_(std::size_t(p.integer("nv"))),
+        observer_(turning(rates_.size()), p.number("keeps")) {
     const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
     gait_ = {gait[0], gait[1], gait[2], gait[3], gait[4], gait[5]};
     footsteps_ = {gait_.period(), p.number("width"), {reach[0], reach[1], reach[2], reach[3]}};
@@ -98,7 +101,7 @@ class Walker {
     rest_.resize(limits_.size()), sent_.resize(limits_.size()), overcome_.resize(limits_.size());
     for (const Plan& one : p.parts("friction")) {
       friction_.push_back(JointFriction::of(one));
-      need(friction_.back().motor < limits_.size() && friction_.back().column < std::size_t(p.integer("nv")),
+      need(friction_.back().motor < limits_.size() && friction_.back().column < rates_.size(),
            "friction is that of a motor");
     }
     support_ = std::make_unique<Support>(biped_, soles_);
@@ -150,6 +153,13 @@ class Walker {
   }
   std::size_t motors() const { return limits_.size(); }
 
+  // Rates of this tick without their noise (nv), from measured ones that are finite; then step().
+  const std::vector<double>& observe(const double* v) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < rates_.size(); ++i) sum += 0.0 * (rates_[i] = v[i]);
+    if (sum == 0.0) observer_.update(rates_.data());
+    return rates_;
+  }
   // References for the state in biped(); loads: normal forces of the feet [N], null for none: then a foot has landed
   // when its time is up.  A state that is not finite leaves the references as they are.
   void step(const double* loads) {
@@ -160,12 +170,12 @@ class Walker {
     touches_ = loads && state_.swings() && loads[1 - state_.stance] > kTouch * weight_;
     refer();
   }
-  bool rubs() const { return !friction_.empty(); }
-  // Add the friction of the joints to the torques of this tick, at the rates v and those that they cause.
+  // The accelerations (nv) that the torques of this tick cause: the next rates, and the friction to overcome.
   template <class Acceleration>
-  void overcome(const double* v, const Acceleration& acceleration) {
+  void moves(const Acceleration& acceleration) {
+    observer_.expect([&](std::size_t column) { return rates_[column] + dt_ * acceleration(column); });
     for (const JointFriction& one : friction_)
-      overcome_[one.motor] = one.torque(v[one.column], acceleration(one.column));
+      overcome_[one.motor] = one.torque(rates_[one.column], acceleration(one.column));
   }
   // End of a tick: scale its torques by the weight felt; after a switch go on from those before, within the limits and
   // at a bounded rate.
@@ -188,6 +198,13 @@ class Walker {
 
  private:
   static constexpr std::size_t kPieces = 2 * (Ability::kMost + 2) + 6;
+
+  // Columns of gyroscope and encoders: all but the velocity of the base, which has no noise of its own.
+  static std::vector<std::size_t> turning(std::size_t nv) {
+    std::vector<std::size_t> found;
+    for (std::size_t column = 3; column < nv; ++column) found.push_back(column);
+    return found;
+  }
 
   void start() {
     WalkState& s = state_;
@@ -474,6 +491,8 @@ class Walker {
   }
 
   double dt_, height_, omega_, pendulum_, k_, weight_, steepest_;
+  std::vector<double> rates_;
+  RateObserver observer_;
   Gait gait_{};
   Footsteps footsteps_{};
   Ability ability_{};

@@ -1,0 +1,41 @@
+// Rates without their noise: those to which the last command leads, corrected by a share of the measured ones.
+#pragma once
+
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+namespace hqp {
+
+class RateObserver {
+ public:
+  // columns: of the rates that are noisy; keeps: share of an expectation in the estimate, 0 for rates as measured.
+  RateObserver(std::vector<std::size_t> columns, double keeps)
+      : columns_(std::move(columns)), keeps_(keeps), expected_(columns_.size()) {}
+
+  // Correct measured rates in place.
+  void update(double* v) {
+    for (std::size_t k = 0; k < columns_.size(); ++k) {
+      double& rate = v[columns_[k]];
+      if (knows_) rate += keeps_ * (expected_[k] - rate);
+      expected_[k] = rate;
+    }
+    knows_ = true;
+  }
+  // next(column): rate of the next tick; nothing is expected of rates that are not finite.
+  template <class Next>
+  void expect(const Next& next) {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < columns_.size(); ++k) sum += 0.0 * (expected_[k] = next(columns_[k]));
+    knows_ = sum == 0.0;
+  }
+  void forget() { knows_ = false; }
+
+ private:
+  std::vector<std::size_t> columns_;
+  double keeps_;
+  std::vector<double> expected_;
+  bool knows_ = false;
+};
+
+}  // namespace hqp
