@@ -24,14 +24,18 @@ def between(
     far [m]: those above it may be lower bounds by balls, which are above it, too.
     """
     (shape, turn, middle), (other, *_) = _solid(own), _solid(hull)
-    off = np.linalg.norm(one[0] + one[1] @ _middle(own) - two[0] - two[1] @ np.array(hull.a), axis=1)
+    back = two[1].transpose(0, 2, 1)
+    places, turns = one[0] + one[1] @ middle - two[0], back @ one[1] @ turn
+    off = np.linalg.norm(places - two[1] @ np.array(hull.a), axis=1)
     found = off - 0.5 * math.dist(own.a, own.b) - own.radius - hull.radius
     rounding = hull.rounding + (own.rounding if isinstance(own, LinkHull) else 0.0)
+    measure, still = coal.ComputeDistance(shape, other), Placement.Identity()
     ask, result = coal.DistanceRequest(), coal.DistanceResult()
-    for n in np.flatnonzero(found <= far).tolist():
-        here = Placement(one[1][n] @ turn, one[0][n] + one[1][n] @ middle)
+    near = np.flatnonzero(found <= far)
+    relative = (back[near] @ places[near, :, None])[..., 0]
+    for n, place, rotation in zip(near.tolist(), relative, turns[near], strict=True):
         result.clear()
-        found[n] = coal.distance(shape, here, other, Placement(two[1][n], two[0][n]), ask, result) - rounding
+        found[n] = measure(Placement(rotation, place), still, ask, result) - rounding
     return np.asarray(found)
 
 

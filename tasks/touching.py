@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import defaultdict
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,14 +90,26 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     if not apart:
         return Judged([], (), [], [])
     bodies = sorted(set(body))
+    return _remembered(
+        (_digest(_drawn(robot.copy(), bodies, 1)), capsules, tuple(apart), clearance),
+        lambda: _judged(robot, capsules, apart, clearance, _drawn(robot.copy(), bodies, DRAWS)),
+    )
+
+
+def _digest(places: Places) -> bytes:
+    """Equal for equal places of bodies, which equal robots have."""
     digest = hashlib.sha256()
-    for position, rotation in _drawn(robot.copy(), bodies, 1).values():  # equal robots have equal places
+    for position, rotation in places.values():
         digest.update(position.tobytes() + rotation.tobytes())
-    key = digest.digest(), capsules, tuple(apart), clearance
+    return digest.digest()
+
+
+def _remembered(key: Key, judge: Callable[[], Judged]) -> Judged:
+    """Judge a key once, as long as few other keys are judged."""
     if key not in _FOUND:
         while len(_FOUND) >= REMEMBERED:
             del _FOUND[next(iter(_FOUND))]
-        _FOUND[key] = _judged(robot, capsules, apart, clearance, _drawn(robot.copy(), bodies, DRAWS))
+        _FOUND[key] = judge()
     return _FOUND[key]
 
 
@@ -154,10 +167,12 @@ def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -
 
     unseparated: the links whose hulls overlap there, too.
     """
-    bodies = robot.copy()
-    bodies.state(bodies.home).kinematics()
-    poses = {c.body: bodies.bodies[c.body][5] for c in capsules}
-    places = {b: (position[None], rotation[None]) for b, (position, rotation) in poses.items()}
+    places = _drawn(robot.copy(), sorted({c.body for c in capsules}), 0)
+    return _remembered((_digest(places), capsules, tuple(pairs)), lambda: _named(robot, capsules, pairs, places))
+
+
+def _named(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], places: Places) -> Judged:
+    """As ``closer``, for the places of bodies at home."""
     drawn = _Drawn(capsules, places, None)
     links: dict[Pair, list[Pair]] = defaultdict(list)
     for i, j in pairs:
@@ -203,6 +218,7 @@ class _Drawn:
         self._touching: dict[tuple[int, int, int], bool] = {}
         self._near: dict[Pair, tuple[float, Index, Vec]] = {}
         self._home: dict[Pair, float] = {}
+        self._gaps: dict[tuple[LinkCapsule | LinkHull, LinkHull], tuple[float, Vec]] = {}
         self.ends = []
         for c in capsules:
             position, rotation = places[c.body]
@@ -263,11 +279,18 @@ class _Drawn:
             found += [(edges[k], other) for k in np.unique(nearest).tolist()]
         return found
 
-    def gap_to(self, own: LinkCapsule | LinkHull, hull: LinkHull, least: float, draws: Any = slice(None)) -> Vec:
+    def gap_to(self, own: LinkCapsule | LinkHull, hull: LinkHull, least: float, draws: Index | None = None) -> Vec:
         """Distances between a capsule or a hull and a hull, exact as far as ``kept`` of a clearance needs them [m]."""
         from . import hull_distances  # coal comes with Pinocchio, but takes its time to import
 
-        return hull_distances.between(own, self._poses(own, draws), hull, self._poses(hull, draws), least / KEPT)
+        far, gaps = self._gaps.setdefault((own, hull), (least / KEPT, np.full(len(self._poses(hull, slice(None))[0]), np.nan)))
+        if far < least / KEPT:  # measured once for the largest distance that is asked for, which is usually the first
+            gaps[gaps > far] = np.nan
+            self._gaps[own, hull] = least / KEPT, gaps
+        wanted = np.arange(len(gaps)) if draws is None else draws
+        new = wanted[np.isnan(gaps[wanted])]
+        gaps[new] = hull_distances.between(own, self._poses(own, new), hull, self._poses(hull, new), least / KEPT)
+        return gaps[wanted]
 
     def _poses(self, shape: LinkCapsule | LinkHull, draws: Any) -> tuple[Mat, Mat]:
         position, rotation = self.places[shape.body]

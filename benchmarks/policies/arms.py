@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -43,6 +43,8 @@ CLAMPED = 6.0
 """Speed of joint targets in the clamp [rad/s]."""
 FAST = 6.0
 """Speed of joints at which guards of robots stop them [rad/s]."""
+PUSH, PUSHES = 0.15, 2.0
+"""Impulse over mass that a standing robot gets in a drawn direction [m/s], and time between two [s]."""
 MARK, END = "<!-- tables: python -m benchmarks arms --page docs/upper-body.md -->", "<!-- end -->"
 """Marks in the page around the generated table."""
 
@@ -146,6 +148,20 @@ class Policy:
         return HOME + 0.25 * self._action
 
 
+class Goal(NamedTuple):
+    """Goal of a hand: in the world, over the base in its heading's axes, and its velocity there ``(6,)``."""
+
+    world: pin.SE3
+    place: pin.SE3
+    velocity: Any
+
+
+def _rate(a: pin.SE3, b: pin.SE3) -> Any:
+    """Velocity of a place from one tick to the next ``(6,)`` [m/s, rad/s]."""
+    turn = a.rotation @ pin.log3(a.rotation.T @ b.rotation)
+    return np.concatenate((b.translation - a.translation, turn)) / DT
+
+
 @dataclass
 class Course:
     """Drawn places of both hands over the pelvis: from its own posture to five others, in 1.6 s each, smooth."""
@@ -178,12 +194,17 @@ class Course:
     @property
     def length(self) -> float:
         """Duration [s]."""
-        return 1.0 + 5.0 * (self.way + self.rest)
+        return 1.0 + (len(self.points[0]) - 1) * (self.way + self.rest)
+
+    def goals(self, t: float, base: pin.SE3) -> list[Goal]:
+        """Goals of both hands over the axes of the base's heading."""
+        then = self.at(t + DT)
+        return [Goal(base * a, a, _rate(a, b)) for a, b in zip(self.at(t), then, strict=True)]
 
     def at(self, t: float) -> list[pin.SE3]:
         """Places of both hands."""
         t = max(t - 1.0, 0.0)
-        k = min(int(t / (self.way + self.rest)), 4)
+        k = min(int(t / (self.way + self.rest)), len(self.points[0]) - 2)
         u = min((t - k * (self.way + self.rest)) / self.way, 1.0)
         s = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         found = []
@@ -213,10 +234,14 @@ class UpperBody:
         self._loads = [e.at(m, LOAD) for e, m in zip(self._arms.loads, masses, strict=True)]
         self.unsolved = 0
 
-    def targets(self, q: Any, v: Any, aims: Sequence[pin.SE3], holding: Any) -> Any:
+    def targets(self, q: Any, v: Any, aims: Sequence[Goal], holding: Any) -> Any:
         """Targets of the arms' servos ``(14,)`` [rad]."""
-        goals = [h.at(aim.homogeneous) for h, aim in zip(self._arms.hands, aims, strict=True)]
-        tick = self._arms.step(self._robot.state(q, v), *goals, *self._loads)
+        state, arms = self._robot.state(q, v), self._arms
+        goals = [
+            arms.over_base(state, hand, aim.place.homogeneous, aim.velocity)
+            for hand, aim in zip(arms.hands, aims, strict=True)
+        ]
+        tick = arms.step(state, *goals, *self._loads)
         self.unsolved += not tick.tick.status.solved
         return tick.positions
 
@@ -237,12 +262,12 @@ class Pink:
         self._whole, self._data = robot.model, robot.model.createData()
         self._now = pink.Configuration(model, model.createData(), HOME[BELOW:].copy())
 
-    def targets(self, q: Any, v: Any, aims: Sequence[pin.SE3], holding: Any) -> Any:
+    def targets(self, q: Any, v: Any, aims: Sequence[Goal], holding: Any) -> Any:
         """Targets of the arms' servos ``(14,)`` [rad], with their holding torque over kp."""
         pin.forwardKinematics(self._whole, self._data, q)
         trunk = self._data.oMi[self._whole.njoints - 15]
         for task, aim in zip(self._tasks, aims, strict=True):
-            task.set_target(trunk.inverse() * aim)
+            task.set_target(trunk.inverse() * aim.world)
         try:
             self._now.integrate_inplace(self._pink.solve_ik(self._now, self._all, DT, "daqp", safety_break=False), DT)
         except Exception:
@@ -317,13 +342,8 @@ def _percentiles(numbers: Any, high: int, digits: int) -> str:
     return f"{np.median(numbers):.{digits}f}, {np.percentile(numbers, high):.{digits}f}" if numbers.size else ""
 
 
-def motion(
-    files: tuple[Path, Path], make: Callable[..., Any], seed: int, watch: Callable[[Any, Any], None] | None = None
-) -> Motion:
-    """Seeds that three divides stand, others walk; 0 to 2 kg in each hand.
-
-    watch: takes the configuration ``(nq,)`` and the targets of the hands in each tick.
-    """
+def motion(files: tuple[Path, Path], make: Callable[..., Any], seed: int) -> Motion:
+    """Seeds that three divides stand, pushed every ``PUSHES`` seconds, others walk; 0 to 2 kg in each hand."""
     import mujoco
 
     rng = np.random.default_rng(seed)
@@ -353,7 +373,7 @@ def motion(
             target = policy.targets(R, data.qvel[3:6].copy(), data.qpos[7:], data.qvel[6:], given)
         turn = math.atan2(R[1, 0], R[0, 0])
         base = pin.SE3(pin.utils.rotate("z", turn), data.qpos[:3].copy())
-        aims = [base * place for place in course.at(k * DT)]
+        aims = course.goals(k * DT, base)
         q = np.concatenate((data.qpos[:3], data.qpos[[4, 5, 6, 3]], data.qpos[7:]))
         v = np.concatenate((R.T @ data.qvel[:3], data.qvel[3:]))
         still.qpos[:] = data.qpos
@@ -365,15 +385,15 @@ def motion(
         sent[own] = arms.targets(q, v, aims, holding[6:][own] / policy.kp[own])
         found.cpu.append(time.process_time() - start)
         found.ticks += 1
-        if watch is not None:
-            watch(q, aims)
+        if not walks and k and k % round(PUSHES / DT) == 0:
+            data.qvel[:2] += drawn_push(rng)
         for _ in range(round(DT / model.opt.timestep)):
             data.ctrl[:] = policy.kp * (sent - data.qpos[7:]) - policy.kd * data.qvel[6:]
             mujoco.mj_step(model, data)
         found.fast = max(found.fast, float(np.abs(data.qvel[6:][own]).max()))
         if k * DT > 1.0:
             found.errors += [
-                float(np.linalg.norm(data.xpos[h] - aim.translation)) for h, aim in zip(hands, aims, strict=True)
+                float(np.linalg.norm(data.xpos[h] - aim.world.translation)) for h, aim in zip(hands, aims, strict=True)
             ]
         if k % 5 == 0:
             place = np.concatenate((data.qpos[:3], data.qpos[[4, 5, 6, 3]], data.qpos[7:]))
@@ -384,6 +404,12 @@ def motion(
             break
     found.unsolved = arms.unsolved
     return found
+
+
+def drawn_push(rng: np.random.Generator) -> Any:
+    """Impulse over mass along x and y ``(2,)`` [m/s]."""
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    return PUSH * np.array([math.cos(angle), math.sin(angle)])
 
 
 def _upper_body_pairs(robot: Any) -> Any:

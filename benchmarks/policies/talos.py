@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 import hqp
-from benchmarks.policies.arms import Motion, table
+from benchmarks.policies.arms import PUSHES, Course, Motion, drawn_push, table
 from benchmarks.policies.filter import Shapes
 from benchmarks.reports import report
 from hqp.robots.on_mujoco import Plane, Plant
@@ -25,8 +25,10 @@ DT, EVERY = 0.002, 2
 REACHES = (0.05, 0.1, math.inf)
 MARK, END = "<!-- tables: python -m benchmarks talos --page docs/upper-body.md -->", "<!-- end -->"
 """Marks in the page around the generated table."""
-WAY, REST, GOALS = 1.6, 0.3, 4
-"""Duration of a way of the hands, of the rest after it [s], and number of ways."""
+PUSHED = 0.1
+"""Duration of a push [s]."""
+GOALS = 4
+"""Number of ways of the hands."""
 PLACE = (0.15, 0.6, -0.1, 0.6)
 """Least and largest x, and z, of drawn places of hands over the base [m]."""
 
@@ -34,6 +36,7 @@ PLACE = (0.15, 0.6, -0.1, 0.6)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
     parser.add_argument("--motions", type=int, default=6, help="drawn motions of each reach, by default 6")
+    parser.add_argument("--only", nargs="*", default=None, metavar="NAME", help='such as "reach 0.05"')
     parser.add_argument("--first", type=int, default=0, help="seed of the first motion")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the table there, in a page of the docs, too")
 
@@ -43,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     warnings.simplefilter("ignore")
     count = 2 if arguments.quick else arguments.motions
     names: dict[str, float | None] = {"the walker's own": None, **{f"reach {r:g}": r for r in REACHES}}
+    names = {name: reach for name, reach in names.items() if arguments.only is None or name in arguments.only}
     found: dict[str, list[Motion]] = {name: [] for name in names}
     for seed in range(arguments.first, arguments.first + count):
         for name, reach in names.items():
@@ -57,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def drawn(robot: Any, hands: tuple[str, ...], columns: Any, rng: np.random.Generator) -> list[list[pin.SE3]]:
+def drawn(robot: Any, hands: tuple[str, ...], columns: Any, rng: np.random.Generator) -> Course:
     """Places of both hands over the base: those at home, then of drawn joints, in front, one in five too far away."""
     data, base = robot.model.createData(), robot.landmarks["base"][0]
     found: list[list[pin.SE3]] = [[] for _ in hands]
@@ -77,21 +81,11 @@ def drawn(robot: Any, hands: tuple[str, ...], columns: Any, rng: np.random.Gener
             if k and rng.uniform() < 0.2:
                 place.translation = place.translation * (1.35, 1.35, 1.0)
             found[side].append(place)
-    return found
-
-
-def between(places: list[pin.SE3], t: float) -> pin.SE3:
-    """Place on the way at a time, smooth."""
-    k = min(int(t / (WAY + REST)), GOALS - 1)
-    u = min((t - k * (WAY + REST)) / WAY, 1.0)
-    s = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
-    a, b = places[k], places[k + 1]
-    turn = a.rotation @ pin.exp3(s * pin.log3(a.rotation.T @ b.rotation))
-    return pin.SE3(turn, (1.0 - s) * a.translation + s * b.translation)
+    return Course(found)
 
 
 def motion(seed: int, reach: float | None) -> Motion:
-    """Seeds that three divides stand, others walk; 0 to 2 kg in each hand, unknown to the walker.
+    """Seeds that three divides stand and are pushed, others walk; 0 to 2 kg in each hand, unknown to the walker.
 
     reach: limit of UpperBody [m], None for the arms of the walker.
     """
@@ -107,7 +101,7 @@ def motion(seed: int, reach: float | None) -> Motion:
     apart: Any = arms.session.stack.find("collision")
     judge, own = Shapes(robot, apart), robot.actuated
     taken = np.isin(own, arms.columns)
-    places = drawn(robot, hands, arms.columns, rng)
+    course = drawn(robot, hands, arms.columns, rng)
 
     def edit(spec: Any) -> None:
         for hand, mass in zip(hands, masses, strict=True):
@@ -117,8 +111,8 @@ def motion(seed: int, reach: float | None) -> Motion:
 
     plant = Plant(robot, terrain=Plane(friction=0.6), watched=[foot.frame for foot in walker.feet], edit=edit)
     plant.reset(walker.start)
-    base, tau = robot.landmarks["base"][0], np.zeros(own.size)
-    for k in range(round((1.0 + GOALS * (WAY + REST)) / DT)):
+    base, tau, force = robot.landmarks["base"][0], np.zeros(own.size), np.zeros(3)
+    for k in range(round(course.length / DT)):
         q, v = plant.state()
         if k * DT == 1.0 and walks:
             walker.go(*velocity)
@@ -126,22 +120,29 @@ def motion(seed: int, reach: float | None) -> Motion:
         place, turned = plant.place(base)
         heading = pin.utils.rotate("z", math.atan2(turned[1, 0], turned[0, 0]))
         pelvis = pin.SE3(heading, np.array(place))
-        aims = [pelvis * between(side, max(k * DT - 1.0, 0.0)) for side in places]
+        aims = course.goals(k * DT, pelvis)
         if reach is not None and k % EVERY == 0:
-            goals = [h.at(aim.homogeneous) for h, aim in zip(arms.hands, aims, strict=True)]
-            start = time.process_time()
-            tick = arms.step(robot.state(q, v), *goals, loads=masses.tolist())
+            start, state = time.process_time(), robot.state(q, v)
+            goals = [
+                arms.over_base(state, hand, aim.place.homogeneous, aim.velocity)
+                for hand, aim in zip(arms.hands, aims, strict=True)
+            ]
+            tick = arms.step(state, *goals, loads=masses.tolist())
             found.cpu.append(time.process_time() - start)
             found.ticks, found.unsolved = found.ticks + 1, found.unsolved + (not tick.tick.status.solved)
             tau[taken] = tick.torques
         if reach is not None:
             command[taken] = tau[taken]
+        if not walks and k and k % round(PUSHES / DT) == 0:
+            force = np.append(pin.computeTotalMass(robot.model) / PUSHED * drawn_push(rng), 0.0)
+        if k % round(PUSHES / DT) < round(PUSHED / DT):
+            plant.push(base, force)
         plant.step(command, steps=round(DT / plant.timestep))
         found.fast = max(found.fast, float(np.abs(plant.state()[1][arms.columns]).max()))
         if k % 25 == 0:
             if k * DT > 1.0:
                 found.errors += [
-                    float(np.linalg.norm(plant.place(h)[0] - aim.translation))
+                    float(np.linalg.norm(plant.place(h)[0] - aim.world.translation))
                     for h, aim in zip(hands, aims, strict=True)
                 ]
             found.judged += 1

@@ -37,6 +37,8 @@ from hqp.tasks import (
     Within,
 )
 from hqp.tasks.collision_pairs import candidates
+from hqp.tasks.pose import homogeneous
+from hqp.tasks.relative import View
 from hqp.torque import Torque
 
 Output = Literal["positions", "velocities", "torques"]
@@ -199,7 +201,7 @@ class UpperBodySession:
 
     def __init__(self, declared: UpperBody, session: Session) -> None:
         self.declared, self.session, self.robot = declared, session, session.robot
-        self.joints = declared.joints(self.robot)
+        self.joints, self._base = declared.joints(self.robot), _base(self.robot)
         self.columns: Index = self.robot.joints(self.joints)
         """Tangent coordinates of ``joints``."""
         motors = self.robot.actuated.tolist()
@@ -256,6 +258,25 @@ class UpperBodySession:
         tau = tick.command[self._motors]
         servos = self._servos
         return UpperBodyTick(angles if servos is None else servos.target(tau, angles, v), v, tau, tick)
+
+    def over_base(self, state: State, hand: Pose, place: Mat, velocity: Vec | None = None) -> Reference:
+        """Reference of one of ``hands`` for a place that base and heading carry:
+
+            p = p_b + R p_place,  v = v_b + Omega x R p_place + R v_place,  omega = Omega + R omega_place.
+
+        R, Omega: axes and rate of the base's heading.  place: homogeneous matrix ``(4, 4)`` in these axes, from the
+        base's origin.  velocity ``(6,)``: of the place, in these axes [m/s, rad/s], zero for None.  An invalid state
+        keeps the hold value.
+        """
+        if not state.valid:
+            return Reference(hand.name)
+        view = View(state, self._base, heading=self.robot.floating)
+        rate = np.zeros(6) if velocity is None else np.asarray(velocity, float)
+        base, arm = state.velocity(self._base), view.rotation @ place[:3, 3]
+        turn = view.H @ base[3:]
+        carried = np.concatenate((base[:3] + np.cross(turn, arm), turn))
+        goal = homogeneous(view.origin + arm, view.rotation @ place[:3, :3])
+        return hand.at(goal, velocity=carried + np.kron(np.eye(2), view.rotation) @ rate)
 
     def _supported(self, state: State, standing: Collection[str] | None) -> list[Reference]:
         """Reference of the support polygon."""

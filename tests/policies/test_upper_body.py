@@ -289,3 +289,22 @@ def test_joints_move_as_planned_on_a_base_that_is_shaken(monkeypatch: pytest.Mon
             found.append(v[own] - tick.velocities)
         off[known] = float(np.sqrt(np.mean(np.square(found))))
     assert off[True] < 0.5 * off[False], off
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
+def test_places_over_the_base_are_carried_by_it(name: str) -> None:
+    """Drawn motions of base and place: the reference's velocity is the difference quotient of its poses."""
+    robot, rng = load(name), np.random.default_rng(5)
+    arms, step = made(robot, "velocities"), 1e-6
+    for hand in arms.hands:
+        q = robot.integrate(robot.home, rng.uniform(-0.5, 0.5, robot.nv), 1.0)
+        v, place, rate = rng.uniform(-1.0, 1.0, robot.nv), pin.SE3.Random(), rng.uniform(-1.0, 1.0, 6)
+        moved = pin.SE3(pin.exp3(step * rate[3:]) @ place.rotation, place.translation + step * rate[:3])
+        before, after = (
+            arms.over_base(robot.state(robot.integrate(q, v, s), v), hand, at.homogeneous, rate)
+            for s, at in ((0.0, place), (step, moved))
+        )
+        np.testing.assert_allclose((after.value - before.value)[:3, 3] / step, before.velocity[:3], atol=1e-4)
+        turn = pin.log3(after.value[:3, :3] @ before.value[:3, :3].T) / step
+        np.testing.assert_allclose(turn, before.velocity[3:], atol=1e-4)
+    assert arms.over_base(robot.state(np.full(robot.nq, np.nan)), hand, place.homogeneous).value is None
