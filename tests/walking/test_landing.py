@@ -198,6 +198,33 @@ def test_a_swing_foot_that_meets_a_riser_stops_without_a_jerk(
     assert np.linalg.norm(before[:2]) < 0.1
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_swing_foot_that_scuffs_for_moments_keeps_a_smooth_reference(seed: int) -> None:
+    """It lags behind its path over ground and bears load in drawn ticks: each takes a quarter of its speed at most."""
+    rng = np.random.default_rng(seed)
+    robot = Pendulum(ROBOTS[seed % 2], float(rng.uniform(-3.1, 3.1)), float(rng.uniform(0.15, 0.3)))
+    for _ in range(2):
+        robot.until(SHIFT)
+        robot.until(SWING)
+    robot.until(SWING, 0.1)
+    side, held = 1 - robot.state.stance, float(rng.uniform(0.1, 0.3))
+    changes, touched = [], 0
+    while robot.state.phase == SWING and robot.state.t < 0.5 * robot.state.duration:
+        place, velocity = robot.soles[side][:2], np.array(robot.native.swing_velocity)[:2]
+        acceleration = np.array(robot.native.swing_acceleration)[:2]
+        if touches := rng.uniform() < 0.1:
+            robot.touch(0.1)
+        robot.step()
+        robot.soles[side][:2] = np.array(place) + held * (np.array(robot.soles[side][:2]) - place)
+        touched += touches
+        change = np.array(robot.native.swing_velocity)[:2] - velocity
+        jerk = np.array(robot.native.swing_acceleration)[:2] - acceleration
+        changes.append((np.linalg.norm(change) - 0.25 * np.linalg.norm(velocity), np.linalg.norm(jerk)))
+    assert touched
+    assert max(change for change, _ in changes) < 0.03
+    assert max(jerk for _, jerk in changes) < 3.0
+
+
 def test_a_foot_that_stands_without_load_has_not_lost_the_ground() -> None:
     robot = Pendulum("g1", 0.4, 0.2)
     robot.until(SWING, 0.95)

@@ -36,6 +36,7 @@ class Swing {
   static constexpr double kLead = 0.03;     // time before the landing at which the foot is at its goal [s]
   static constexpr double kFollows = 0.06;  // shortest time to a moved goal [s]
   static constexpr double kYields = 0.04;   // time constant of the lead of a blocked foot [s]
+  static constexpr double kStops = 0.01;    // time constant in which a blocked foot's reference slows down to that [s]
   static constexpr double kFalls = 10.0;    // largest acceleration of a foot on its way down [m/s^2]
   static constexpr double kQuintic = 5.77;  // largest acceleration of a quintic over a unit of length and time
   static constexpr double kSinks = 200.0;   // rate of the acceleration of a foot that finds no ground [m/s^3]
@@ -71,16 +72,17 @@ class Swing {
     return true;
   }
   // Lead the foot at a place over ground by no more than `most`.  If something is in the way there, the lead grows ever
-  // slower.
-  void lead(const Vec2& place, double most, bool blocked) {
+  // slower; dt: time since the last call.
+  void lead(const Vec2& place, double most, bool blocked, double dt) {
     const Vec2 off{x[0] - place.x, x[1] - place.y}, at = place + within(off, most);
     const double square = dot(off, off), size = std::sqrt(square);
     x[0] = at.x, x[1] = at.y;
     if (!blocked || !(square > 0.0)) return;
     const double along = dot(off, {v[0], v[1]}) / size, fastest = std::max(most - size, 0.0) / kYields;
     if (!(along > fastest)) return;
+    const double slower = std::min(1.0 - fastest / along, dt / kStops);
     for (Four* one : {&v, &a}) {
-      const double part = (1.0 - fastest / along) * std::max(dot(off, {(*one)[0], (*one)[1]}), 0.0) / square;
+      const double part = slower * std::max(dot(off, {(*one)[0], (*one)[1]}), 0.0) / square;
       (*one)[0] -= part * off.x, (*one)[1] -= part * off.y;
     }
   }

@@ -473,7 +473,7 @@ class Walker {
     s.swing.step(dt_);
     const Swing& path = s.swing;
     const Vec3& here = biped_.position[side];
-    s.swing.lead({here[0], here[1]}, kAhead, touches_);
+    s.swing.lead({here[0], here[1]}, kAhead, touches_, dt_);
     s.swing.x[2] = std::max(path.x[2], here[2] - kAhead);
     const double z = s.swing.x[2] - s.sunk[side] * std::min(1.0, s.t / (0.3 * s.T));
     const double c = std::cos(path.x[3]), sine = std::sin(path.x[3]);
