@@ -11,7 +11,7 @@ import numpy as np
 
 from hqp.arrays import Signs, Vec
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import UNSURE, Described, OneThread, check_shape, finish, require_hierarchy
+from hqp.solvers.base import Described, OneThread, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACCURATE,
