@@ -449,7 +449,7 @@ class StageSearch {
       const StageRow& row = (*rows_)[i];
       rate_[i] = row.value(move_.data(), aim_.data(), n_);
       const double bound = row.bound(rate_[i] > 0.0 ? 1 : -1), value = row.value(x_.data(), y, n_);
-      if (std::isinf(bound) || (std::abs(rate_[i]) <= floor * row.size && !left(i, value, y))) continue;
+      if (std::isinf(bound) || std::abs(rate_[i]) <= floor * row.size) continue;
       const double times = larger(0.0, (bound - value) / rate_[i]);
       if (times < far - (lowest ? kOnRow : 0.0)) {
         far = times;
@@ -457,16 +457,6 @@ class StageSearch {
       }
     }
     return found;
-  }
-
-  // Return true if a step that hardly moves row i still takes it out of its bounds by more than the rounding of its
-  // terms: a step from far away is long.
-  bool left(int i, double value, const double* y) const {
-    const StageRow& row = (*rows_)[i];
-    if (rate_[i] == 0.0 || !row.a) return false;
-    const double bound = row.bound(rate_[i] > 0.0 ? 1 : -1), after = value + rate_[i];
-    const double size = std::abs(bound) + terms(row, x_.data(), y) + terms(row, move_.data(), aim_.data());
-    return (rate_[i] > 0.0 ? after - bound : bound - after) > kOnRow * size;
   }
 
   // Sum of the absolute terms of a row at x and y.

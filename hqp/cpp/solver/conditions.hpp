@@ -47,7 +47,6 @@ struct Conditions {
   double closest = kInfinity;       // nearest a direction came to kDirection, as a ratio >= 1
   double faintest = kInfinity;      // least force that counts as holding a level back, relative
   double strongest = 0.0;           // largest sum of a level's multipliers, of rows of unit length: magnifies it, too
-  bool twisted = false;             // in coordinates turned by a reflection, where rounding falls otherwise
 
   void layout(Arena& arena, int n_, int rows, int most, int blocks) {
     unseen.layout(arena, n_, rows, blocks);
@@ -118,7 +117,6 @@ struct Conditions {
       if (!graded_gradient(k)) return 0.0;
     } else {
       for (int i = 0; i < n; ++i) y_[i] = -g_[i] / scale_;
-      twist(y_);
       null_space.project(y_);
     }
     for (int a = 0; a < candidates(); ++a)
@@ -245,7 +243,6 @@ struct Conditions {
     double* y = rows_ + static_cast<std::ptrdiff_t>(q) * ld_;
     if (applied_[q] < 0) {
       unit_row(q, y);
-      twist(y);
       null_space.project_tail(y);
     } else {
       null_space.project(y, applied_[q]);
@@ -312,7 +309,7 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
-    reduced.solve(m, f, kNoStep / shortest, more);
+    reduced.solve(m, f, larger(kSeen, kNoStep / shortest), more);
     scale_ = reduced.gradient(m, f, more, larger(1.0, table->largest(x)), kRounding, kNoRate, kRounding / kViolated,
                               y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
@@ -355,16 +352,6 @@ struct Conditions {
       for (; j > 0 && table->norm[order[j - 1]] < table->norm[r]; --j) order[j] = order[j - 1];
       order[j] = r;
     }
-  }
-
-  // Reflect along (1, 2, 3, 1, ...).
-  void twist(double* y) const {
-    if (!twisted) return;
-    const auto axis = [](int i) { return 1.0 + i % 3; };
-    double sum = 0.0, square = 0.0;
-    for (int i = 0; i < n; ++i) sum += axis(i) * y[i];
-    for (int i = 0; i < n; ++i) square += axis(i) * axis(i);
-    for (int i = 0; i < n; ++i) y[i] -= 2.0 * sum / square * axis(i);
   }
 
   void unit_row(int q, double* y) const {

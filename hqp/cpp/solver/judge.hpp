@@ -23,7 +23,7 @@ class Judge {
     bool passed = false;
     for (const double reading : {1.0, 1.0 / kEither, kEither}) {
       at_.threshold = reading * kDirection;
-      passed = pass_twice(kOnRow) || (!at_.deadline.passed() && pass_twice(kClearOf));
+      passed = pass(kOnRow) || (!at_.deadline.passed() && pass(kClearOf));
       reading_ = at_.threshold;
       if (passed || at_.closest > kEither) break;
     }
@@ -45,17 +45,6 @@ class Judge {
  private:
   Conditions& at_;
   double reading_ = kDirection;  // threshold of the latest verdict
-
-  // If directions are short, repeat the verdict in coordinates with different rounding.
-  bool pass_twice(double lock) {
-    if (!pass(lock)) return false;
-    if (at_.shortest > kClearOf) return true;
-    at_.unseen.find(*at_.table);
-    at_.twisted = true;
-    const bool again = pass(lock);
-    at_.twisted = false;
-    return again;
-  }
 
   bool pass(double lock) {
     gap = 0.0;

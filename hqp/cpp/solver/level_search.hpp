@@ -152,7 +152,7 @@ class LevelSearch {
   // d: least squares over the rows of the level that miss or are equalities, in the null space of fixed and kept rows.
   bool direction(int k) {
     const int base = at_.null_space.rank, m = at_.set_face(k, kept_, kept_count_), f = at_.null_space.freedom();
-    const double reach = f ? at_.reduced.solve(m, f, kNoStep / at_.shortest) : 0.0;
+    const double reach = f ? at_.reduced.solve(m, f, larger(kSeen, kNoStep / at_.shortest)) : 0.0;
     for (int i = 0; i < at_.null_space.rank; ++i) d_[i] = 0.0;
     for (int j = 0; j < f; ++j) d_[at_.null_space.rank + j] = at_.reduced.z[j];
     at_.null_space.lift(d_);

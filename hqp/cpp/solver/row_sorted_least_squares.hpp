@@ -1,6 +1,8 @@
 // Least squares over rows sorted by length: Householder with column pivoting, row-wise stable (Cox and Higham 1998).
 #pragma once
 
+#include <algorithm>
+
 #include "arena.hpp"
 #include "dense.hpp"
 #include "tolerances.hpp"
@@ -13,14 +15,11 @@ class RowSortedLeastSquares {
   double* z = nullptr;  // (f,) the solution, a basic one
 
   void layout(Arena& arena, int n, int most) {
-    const std::size_t wide = static_cast<std::size_t>(padded(n + 1));
-    wide_ = static_cast<int>(wide);
-    arena.place(B_, (most + 1) * wide);
+    ld_ = padded(most + 1);
+    arena.place(B_, static_cast<std::size_t>(n + 1) * ld_);
     arena.place(rhs_, most + 1);
     arena.place(length_, most + 1);
-    arena.place(column_, n + 1);
-    arena.place(size_, wide);
-    arena.place(mix_, wide);
+    arena.place(order_, n + 1);
     arena.place(z, n + 1);
   }
 
@@ -29,31 +28,27 @@ class RowSortedLeastSquares {
   void set(int i, const double* rest, int f, double length, double rhs, const double* further = nullptr, int more = 0) {
     length_[i] = length;
     rhs_[i] = rhs;
-    for (int j = 0; j < f; ++j) row(i)[j] = length * rest[j];
-    for (int j = 0; j < more; ++j) row(i)[f + j] = length * further[j];
+    for (int j = 0; j < f; ++j) column(j)[i] = length * rest[j];
+    for (int j = 0; j < more; ++j) column(f + j)[i] = length * further[j];
   }
 
-  // min || B z - rhs || over m rows, f columns; `more` columns after them are reflected along. A row of which less than
-  // kSeen, or than `least`, is left adds no direction. Returns the length of the part of rhs that B z removes.
-  double solve(int m, int f, double least, int more = 0) {
-    const double flat = larger(kSeen, least);
-    for (int j = 0; j < f; ++j) column_[j] = j;
-    int rank = 0;
+  // min || B z - rhs || over m rows, f columns; `more` columns after them are reflected along. A row of which no more
+  // than `flat` is left adds no direction. Returns the length of the part of rhs that B z removes.
+  double solve(int m, int f, double flat, int more = 0) {
+    for (int j = 0; j < f; ++j) order_[j] = j;
     double reach = 0.0;
-    while (rank < m && rank < f) {
-      m = put_flat_last(rank, m, f, f + more, flat);
-      if (rank == m) break;
-      swap_columns(rank, longest_column(rank, m, f), m);
-      reflect_column(rank, m, f + more);
-      reach += rhs_[rank] * rhs_[rank];
-      ++rank;
+    for (rank_ = 0; rank_ < f; ++rank_) {
+      if (flat > 0.0) m = put_flat_last(m, f, f + more, flat);
+      if (rank_ >= m) break;
+      take_longest_column(m, f);
+      reflect_others(m, f + more);
+      reach += rhs_[rank_] * rhs_[rank_];
     }
-    rank_ = rank;
     for (int j = 0; j < f; ++j) z[j] = 0.0;
-    for (int i = rank - 1; i >= 0; --i) {
+    for (int i = rank_ - 1; i >= 0; --i) {
       double s = rhs_[i];
-      for (int j = i + 1; j < rank; ++j) s -= row(i)[j] * z[column_[j]];
-      z[column_[i]] = s / row(i)[i];
+      for (int j = i + 1; j < rank_; ++j) s -= column(j)[i] * z[order_[j]];
+      z[order_[i]] = s / column(i)[i];
     }
     return std::sqrt(reach);
   }
@@ -68,84 +63,67 @@ class RowSortedLeastSquares {
     for (int j = 0; j < more; ++j) further[j] = 0.0;
     for (int i = 0; i < m; ++i) {
       const double miss = rhs_[i];
-      if (i < rank_ && std::fabs(miss) <= size * larger(rounding * length_[i], least * std::fabs(row(i)[i]))) continue;
-      const int first = i < rank_ ? i : f;
-      for (int j = first; j < f; ++j) y[column_[j]] += row(i)[j] * miss;
-      for (int j = 0; j < more; ++j) further[j] += row(i)[f + j] * miss;
+      if (i < rank_ && std::fabs(miss) <= size * larger(rounding * length_[i], least * std::fabs(column(i)[i])))
+        continue;
       double square = 0.0;
-      for (int j = first; j < f + more; ++j) square += row(i)[j] * row(i)[j];
+      for (int j = i < rank_ ? i : f; j < f + more; ++j) {
+        const double entry = column(j)[i];
+        (j < f ? y[order_[j]] : further[j - f]) += entry * miss;
+        square += entry * entry;
+      }
       terms += (std::sqrt(square) + error * length_[i]) * (std::fabs(miss) + error * size * length_[i]);
     }
     return terms;
   }
 
  private:
-  int wide_ = 0, rank_ = 0;
-  double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr;
-  int* column_ = nullptr;
+  int ld_ = 0, rank_ = 0;
+  double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr;
+  int* order_ = nullptr;  // (f,) where the columns were
 
-  double* row(int i) { return B_ + static_cast<std::ptrdiff_t>(i) * wide_; }
+  double* column(int j) { return B_ + static_cast<std::ptrdiff_t>(j) * ld_; }
 
   // Rows without a direction go to the end; the others keep their order. Their number.
-  int put_flat_last(int rank, int m, int f, int columns, double flat) {
-    for (int i = rank; i < m;) {
+  int put_flat_last(int m, int f, int columns, double flat) {
+    for (int i = rank_; i < m;) {
       double most = 0.0;
-      for (int j = rank; j < f; ++j) most = larger(most, std::fabs(row(i)[j]));
+      for (int j = rank_; j < f; ++j) most = larger(most, std::fabs(column(j)[i]));
       if (most > flat * length_[i]) {
         ++i;
         continue;
       }
+      const auto put_last = [&](double* y) { std::rotate(y + i, y + i + 1, y + m); };
+      for (int j = 0; j < columns; ++j) put_last(column(j));
+      put_last(rhs_);
+      put_last(length_);
       --m;
-      for (int q = i; q < m; ++q) {
-        for (int j = 0; j < columns; ++j) std::swap(row(q)[j], row(q + 1)[j]);
-        std::swap(rhs_[q], rhs_[q + 1]);
-        std::swap(length_[q], length_[q + 1]);
-      }
     }
     return m;
   }
 
-  int longest_column(int rank, int m, int f) {
-    for (int j = rank; j < f; ++j) size_[j] = 0.0;
-    for (int i = rank; i < m; ++i)
-      for (int j = rank; j < f; ++j) size_[j] += row(i)[j] * row(i)[j];
-    int p = rank;
-    for (int j = rank + 1; j < f; ++j)
-      if (size_[j] > size_[p]) p = j;
-    return p;
+  void take_longest_column(int m, int f) {
+    int best = rank_;
+    double most = -1.0;
+    for (int j = rank_; j < f; ++j) {
+      const double square = dot_any(column(j) + rank_, column(j) + rank_, m - rank_);
+      if (square > most) most = square, best = j;
+    }
+    if (best == rank_) return;
+    std::swap_ranges(column(rank_), column(rank_) + ld_, column(best));
+    std::swap(order_[rank_], order_[best]);
   }
 
-  void swap_columns(int a, int b, int m) {
-    if (a == b) return;
-    for (int i = 0; i < m; ++i) {
-      const double s = row(i)[b];
-      row(i)[b] = row(i)[a];
-      row(i)[a] = s;
-    }
-    const int s = column_[b];
-    column_[b] = column_[a];
-    column_[a] = s;
-  }
-
-  void reflect_column(int c, int m, int f) {
-    double square = 0.0;
-    for (int i = c; i < m; ++i) square += row(i)[c] * row(i)[c];
-    const double length = std::sqrt(square), alpha = row(c)[c], beta = alpha > 0.0 ? -length : length;
-    const double first = alpha - beta, tau = 1.0 / (length * std::fabs(first));
-    for (int j = c + 1; j < f; ++j) mix_[j] = 0.0;
-    double along = 0.0;
-    for (int i = c; i < m; ++i) {
-      const double v = i == c ? first : row(i)[c];
-      for (int j = c + 1; j < f; ++j) mix_[j] += v * row(i)[j];
-      along += v * rhs_[i];
-    }
-    for (int i = c; i < m; ++i) {
-      const double v = tau * (i == c ? first : row(i)[c]);
-      for (int j = c + 1; j < f; ++j) row(i)[j] -= v * mix_[j];
-      rhs_[i] -= v * along;
-    }
-    row(c)[c] = beta;
-    for (int i = c + 1; i < m; ++i) row(i)[c] = 0.0;
+  void reflect_others(int m, int columns) {
+    double* v = column(rank_) + rank_;
+    const int rows = m - rank_;
+    const double length = std::sqrt(dot_any(v, v, rows)), pivot = v[0] > 0.0 ? -length : length;
+    v[0] -= pivot;
+    const double tau = -1.0 / (pivot * v[0]);
+    const auto reflect = [&](double* y) { add_any(y, v, -tau * dot_any(v, y, rows), rows); };
+    for (int j = rank_ + 1; j < columns; ++j) reflect(column(j) + rank_);
+    reflect(rhs_ + rank_);
+    v[0] = pivot;
+    std::fill(v + 1, v + rows, 0.0);
   }
 };
 

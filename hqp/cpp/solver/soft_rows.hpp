@@ -7,7 +7,7 @@
 #include <cmath>
 #include <vector>
 
-#include "dense.hpp"
+#include "row_sorted_least_squares.hpp"
 #include "tolerances.hpp"
 
 namespace hqp {
@@ -20,9 +20,11 @@ class SoftRows {
     for (auto* part : {&z_, &step_}) part->resize(width);
     for (auto* part : {&low_, &high_, &base_, &value_, &slope_, &soft_, &length_}) part->resize(all);
     rows_.resize(all * width);
-    M_.resize((all + width) * (width + 1));
     side_.resize(all);
-    order_.resize(std::max(all, width));
+    order_.resize(all);
+    least_.layout(arena_, n, n + rows);
+    arena_.take();
+    least_.layout(arena_, n, n + rows);
   }
 
   // Of `free` variables, without rows; z is to be filled.
@@ -126,8 +128,8 @@ class SoftRows {
     return sum;
   }
 
-  // step_: from z_ to the minimiser if the rows of side_ were equalities and there were no others. Columns of M_, the
-  // right-hand side last; first the rows, the hardest before the others, below them the identity.
+  // step_: from z_ to the minimiser if the rows of side_ were equalities and there were no others; the hardest rows
+  // before the others, below them the identity. False if numbers are not finite.
   bool solve() {
     int m = 0;
     for (int k = 0; k < count_; ++k) {
@@ -136,42 +138,24 @@ class SoftRows {
       for (; at > 0 && soft_[order_[at - 1]] > soft_[k]; --at) order_[at] = order_[at - 1];
       order_[at] = k;
     }
-    const int height = m + free_;
-    const auto column = [&](int j) { return &M_[static_cast<std::size_t>(j) * height]; };
-    std::fill(M_.begin(), M_.begin() + static_cast<std::ptrdiff_t>(height) * (free_ + 1), 0.0);
     for (int i = 0; i < m; ++i) {
       const int k = order_[i];
-      for (int j = 0; j < free_; ++j) column(j)[i] = row(k)[j] / soft_[k];
-      column(free_)[i] = (bound(k) - value_[k]) / soft_[k];
+      least_.set(i, row(k), free_, 1.0 / soft_[k], (bound(k) - value_[k]) / soft_[k]);
     }
-    for (int j = 0; j < free_; ++j) column(j)[m + j] = 1.0, column(free_)[m + j] = -z_[j], order_[j] = j;
-    for (int k = 0; k < free_; ++k) {
-      int best = k;
-      double most = -1.0;
-      for (int j = k; j < free_; ++j) {
-        const double left = dot_any(column(j) + k, column(j) + k, height - k);
-        if (left > most) most = left, best = j;
-      }
-      if (!(most > 0.0 && most < INFINITY)) return false;
-      if (best != k) std::swap_ranges(column(k), column(k) + height, column(best)), std::swap(order_[k], order_[best]);
-      double* v = column(k);
-      const double length = std::sqrt(most), pivot = v[k] > 0.0 ? -length : length;
-      v[k] -= pivot;
-      const double factor = -1.0 / (pivot * v[k]);
-      for (int j = k + 1; j <= free_; ++j)
-        add_any(column(j) + k, v + k, -factor * dot_any(v + k, column(j) + k, height - k), height - k);
-      v[k] = pivot;
+    for (int j = 0; j < free_; ++j) {
+      std::fill(step_.begin(), step_.end(), 0.0);
+      step_[j] = 1.0;
+      least_.set(m + j, step_.data(), free_, 1.0, -z_[j]);
     }
-    for (int k = free_ - 1; k >= 0; --k) {
-      double value = column(free_)[k];
-      for (int j = k + 1; j < free_; ++j) value -= column(j)[k] * step_[order_[j]];
-      step_[order_[k]] = value / column(k)[k];
-    }
-    return true;
+    least_.solve(m + free_, free_, 0.0);
+    std::copy(least_.z, least_.z + free_, step_.begin());
+    return std::isfinite(dot_any(step_.data(), step_.data(), free_));
   }
 
+  Arena arena_;
+  RowSortedLeastSquares least_;
   int free_ = 0, count_ = 0;
-  std::vector<double> z_, step_, rows_, M_, low_, high_, base_, value_, slope_, soft_, length_;
+  std::vector<double> z_, step_, rows_, low_, high_, base_, value_, slope_, soft_, length_;
   std::vector<int> side_, order_;
 };
 
