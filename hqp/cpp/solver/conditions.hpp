@@ -405,13 +405,11 @@ struct Conditions {
     const double left = factorise(rows, null_space.freedom());
     const int rank = factor_.rank;
     const bool grey = rank && factor_.length(rank - 1) < kUncertain;
-    if (grey) factor_.find_small(kUncertain, deadline);
+    if (grey) factor_.find_singular_values(deadline);
     else if (left > 0.0) decide(left);
-    const int clear = grey ? factor_.first : rank;
-    int kept = clear;
-    for (int j = 0; j < clear; ++j) decide(factor_.length(j));
-    for (int j = clear; j < rank; ++j)
-      if (decide(factor_.singular_value(j))) ++kept;
+    int kept = 0;
+    for (int j = 0; j < rank; ++j)
+      if (decide(grey ? factor_.singular_value(j) : factor_.length(j))) ++kept;
       else factor_.drop(j, null_space, base);
     if (kept == rank) return;
     null_space.rank = base;

@@ -10,20 +10,17 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 // A P = R' Q': Householder with pivoting takes rows, as columns here, into a triangular factor R (rank, width), and its
-// reflections into a NullSpace. If the last rows of R are short they are made orthogonal to those above the gap (the
-// second factor of Stewart 1999) and to one another by one-sided Jacobi rotations: their lengths are the small singular
-// values then, and direction j is the sum that row j has become. Without a gap all rows are rotated.
+// reflections into a NullSpace. One-sided Jacobi rotations make the rows of R orthogonal: their lengths are the
+// singular values then, and direction j is the sum that row j has become.
 class RowFactor {
  public:
   int rank = 0;
-  int first = 0;  // rows of R from here on are short
 
   void layout(Arena& arena, int n, int rows) {
     ld_ = padded(n);
     wide_ = padded(rows);
     arena.place(T_, static_cast<std::size_t>(n) * wide_);
     arena.place(u_, static_cast<std::size_t>(n) * ld_);
-    arena.place(L_, static_cast<std::size_t>(n) * ld_);
     arena.place(length_, n);
     arena.place(size_, wide_);
     arena.place(weight_, wide_);
@@ -87,19 +84,13 @@ class RowFactor {
   double length(int j) const { return length_[j]; }
   double singular_value(int j) { return std::sqrt(dot(row(j), row(j), width_)); }
 
-  // Singular values for the rows from the first wide gap below `clear` on, if there is one, else for all.
-  void find_small(double clear, Deadline& deadline) {
-    first = 0;
-    for (int i = 1; i < rank && !first; ++i)
-      if (length(i) < clear && length(i) < kGap * length(i - 1)) first = i;
-    if (!split()) {
-      first = 0;
-      split();
-    }
+  void find_singular_values(Deadline& deadline) {
+    for (int i = 0; i < rank; ++i)
+      for (int j = 0; j < rank; ++j) direction(i)[j] = i == j ? 1.0 : 0.0;
     bool turned = true;
     for (int sweep = 0; sweep < kEnough && turned; ++sweep) {
       turned = false;
-      for (int i = first; i < rank && !deadline.passed(); ++i)
+      for (int i = 0; i < rank && !deadline.passed(); ++i)
         for (int j = i + 1; j < rank; ++j) turned = rotate(i, j) || turned;
     }
   }
@@ -116,15 +107,12 @@ class RowFactor {
   }
 
  private:
-  static constexpr double kGap = 1e-4;
   int ld_ = 0, wide_ = 0, width_ = 0, freedom_ = 0, drops_ = 0;
   double** dropped_ = nullptr;
-  double *T_ = nullptr, *u_ = nullptr, *L_ = nullptr, *length_ = nullptr, *size_ = nullptr, *weight_ = nullptr,
-         *y_ = nullptr;
+  double *T_ = nullptr, *u_ = nullptr, *length_ = nullptr, *size_ = nullptr, *weight_ = nullptr, *y_ = nullptr;
 
   double* row(int i) { return T_ + static_cast<std::ptrdiff_t>(i) * wide_; }
   double* direction(int j) { return u_ + static_cast<std::ptrdiff_t>(j) * ld_; }
-  double* L(int i) { return L_ + static_cast<std::ptrdiff_t>(i) * ld_; }
 
   void measure() {
     for (int a = 0; a < width_; a += kLane) {
@@ -132,40 +120,6 @@ class RowFactor {
       for (int i = rank; i < freedom_; ++i) total += at(row(i) + a) * at(row(i) + a);
       at(size_ + a) = total * at(weight_ + a);
     }
-  }
-
-  // Make the rows from `first` on orthogonal to those before; false, and all as it was, where they are not clear of
-  // them.
-  bool split() {
-    double tilt = 0.0;  // lean of directions of short rows towards the others
-    for (int i = 0; i < rank; ++i) {
-      double *r = row(i), *l = L(i), *v = direction(i);
-      for (int j = 0; j < (i < first ? i : first); ++j) {
-        l[j] = dot(row(j), r, width_);
-        subtract(r, row(j), l[j], width_);
-      }
-      for (int j = 0; j < rank; ++j) v[j] = j == i ? 1.0 : 0.0;
-      if (i < first) {
-        l[i] = singular_value(i);
-        scale(r, width_, 1.0 / l[i]);
-        continue;
-      }
-      for (int j = first - 1; j >= 0; --j) {
-        double s = l[j];
-        for (int q = j + 1; q < first; ++q) s += v[q] * L(q)[j];
-        v[j] = -s / L(j)[j];
-        tilt = larger(tilt, std::fabs(v[j]));
-        direction(j)[i] = -v[j];
-      }
-      if (tilt > kGap) {
-        for (int k = i; k >= 0; --k) {
-          if (k < first) scale(row(k), width_, L(k)[k]);
-          for (int j = 0; j < (k < first ? k : first); ++j) subtract(row(k), row(j), -L(k)[j], width_);
-        }
-        return false;
-      }
-    }
-    return true;
   }
 
   bool rotate(int i, int j) {

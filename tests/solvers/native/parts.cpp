@@ -58,8 +58,8 @@ static void null_space() {
     }
 }
 
-// Rows with given singular values: find the small ones, with and without a gap, and drop one of them.
-static void row_factor(const std::vector<double>& sigma, int first) {
+// Rows with given singular values: find them, with and without a gap, and drop the least.
+static void row_factor(const std::vector<double>& sigma) {
   const int n = 9, m = static_cast<int>(sigma.size());
   Placed<NullSpace> left(m), right(n), space(n);  // random orthogonal U and V
   for (auto* q : {static_cast<NullSpace*>(&left), static_cast<NullSpace*>(&right)})
@@ -83,10 +83,9 @@ static void row_factor(const std::vector<double>& sigma, int first) {
   for (int a = 0; a < m; ++a) factor.set(a, &rows[a * n]);
   factor.reduce(space, n);
   small("row factor: rank", factor.rank - m, 0);
-  factor.find_small(1e-6, none);
-  small("row factor: gap", factor.first - first, 0);
-  int shortest = first;
-  for (int j = first; j < m; ++j)
+  factor.find_singular_values(none);
+  int shortest = 0;
+  for (int j = 1; j < m; ++j)
     if (factor.singular_value(j) < factor.singular_value(shortest)) shortest = j;
   small("row factor: least singular value", factor.singular_value(shortest) / sigma[m - 1] - 1.0, 1e-4);
   factor.drop(shortest, space, 0);
@@ -523,8 +522,8 @@ static void stage_search() {
 
 int main() {
   null_space();
-  row_factor({1.0, 0.7, 0.3, 1e-8, 3e-11}, 3);
-  row_factor({1.0, 1e-2, 1e-4, 5e-7, 1e-8, 2e-10}, 0);
+  row_factor({1.0, 0.7, 0.3, 1e-8, 3e-11});
+  row_factor({1.0, 1e-2, 1e-4, 5e-7, 1e-8, 2e-10});
   nonnegative_least_squares();
   factorisation();
   updates();
