@@ -430,6 +430,7 @@ class Walker:
     HEAVIER: float
     WEIGHING: float
     SAG: float
+    NOISE: float
     state: WalkState
     why: list[str]
     stands: bool

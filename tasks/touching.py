@@ -283,7 +283,9 @@ class _Drawn:
         """Distances between a capsule or a hull and a hull, exact as far as ``kept`` of a clearance needs them [m]."""
         from . import hull_distances  # coal comes with Pinocchio, but takes its time to import
 
-        far, gaps = self._gaps.setdefault((own, hull), (least / KEPT, np.full(len(self._poses(hull, slice(None))[0]), np.nan)))
+        far, gaps = self._gaps.setdefault(
+            (own, hull), (least / KEPT, np.full(len(self._poses(hull, slice(None))[0]), np.nan))
+        )
         if far < least / KEPT:  # measured once for the largest distance that is asked for, which is usually the first
             gaps[gaps > far] = np.nan
             self._gaps[own, hull] = least / KEPT, gaps

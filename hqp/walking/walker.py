@@ -274,8 +274,8 @@ class Walker:
     def step(self, state: State, loads: Sequence[float] | Vec | None = None, *, now: float | None = None) -> Tick:
         """One tick: the torques for a state.
 
-        Rates are those that the last tick's torques lead to, corrected by measured ones at ``bandwidth``, except for
-        the velocity of the base; ``tick.state`` has them, and the robot is in that state.
+        Rates are those that the last tick's torques lead to, corrected by measured ones at ``bandwidth`` and
+        within 0.06 rad/s of them, except for the velocity of the base; ``tick.state`` has them.
         loads: normal force on the left and on the right foot [N]; without them a foot has landed when its time is up.
         now: time of the control loop, as in ``Session.step`` [s].
         Raises DeclarationError for another number of loads.

@@ -88,6 +88,18 @@ def test_rates_of_the_model_are_taken_as_they_are(seed: int) -> None:
     np.testing.assert_allclose(found[3:] - v[3:], (1.0 - math.exp(-50.0 * DT)) * (noisy - v)[3:], atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_rates_stay_near_measured_ones(seed: int) -> None:
+    """An impact shows at once but for 0.06 rad/s: without that G1 falls on a slope."""
+    rng = np.random.default_rng(seed)
+    walker = Walker(hqp.robots.load("g1", rotors=True), dt=DT, deadline=math.inf)
+    q, v = walker.start, 0.02 * rng.normal(size=walker.robot.nv)
+    _, v = walker.step(walker.robot.state(q, v)).advance()
+    blow = rng.uniform(0.1, 1.0, v.size) * rng.choice([-1.0, 1.0], v.size)
+    found = walker.step(walker.robot.state(q, v + blow)).state.v
+    np.testing.assert_allclose((found - v - blow)[3:], -0.06 * np.sign(blow)[3:], atol=1e-9)
+
+
 def test_a_bad_bandwidth_is_named() -> None:
     robot = hqp.robots.load("g1", rotors=True)
     for bandwidth in (0.0, -1.0, math.nan):

@@ -1,7 +1,9 @@
 // Rates without their noise: those to which the last command leads, corrected by a share of the measured ones.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -9,15 +11,16 @@ namespace hqp {
 
 class RateObserver {
  public:
-  // columns: of the rates that are noisy; keeps: share of an expectation in the estimate, 0 for rates as measured.
-  RateObserver(std::vector<std::size_t> columns, double keeps)
-      : columns_(std::move(columns)), keeps_(keeps), expected_(columns_.size()) {}
+  // columns: of the rates that are noisy; keeps: share of an expectation in the estimate, 0 for rates as measured;
+  // most: its largest difference from them.
+  RateObserver(std::vector<std::size_t> columns, double keeps, double most = std::numeric_limits<double>::infinity())
+      : columns_(std::move(columns)), keeps_(keeps), most_(most), expected_(columns_.size()) {}
 
   // Correct measured rates in place.
   void update(double* v) {
     for (std::size_t k = 0; k < columns_.size(); ++k) {
       double& rate = v[columns_[k]];
-      if (knows_) rate += keeps_ * (expected_[k] - rate);
+      if (knows_) rate += std::min(std::max(keeps_ * (expected_[k] - rate), -most_), most_);
       expected_[k] = rate;
     }
     knows_ = true;
@@ -33,7 +36,7 @@ class RateObserver {
 
  private:
   std::vector<std::size_t> columns_;
-  double keeps_;
+  double keeps_, most_;
   std::vector<double> expected_;
   bool knows_ = false;
 };

@@ -63,6 +63,7 @@ class Walker {
   static constexpr double kPress = 0.1;   // least share of a foot that has landed
   static constexpr double kFade = 0.08;   // fade time of a torque jump, for a joint's largest torque [s]
   static constexpr double kSlew = 0.02;   // shortest time in which a torque changes by the largest of all limits [s]
+  static constexpr double kNoise = 0.06;  // largest difference of a rate from its measurement [rad/s]
   static constexpr double kTake = 0.06;   // shortest time in which a foot's share changes from 0 to 1 [s]
   static constexpr double kIntegral = 0.5, kMost = 0.03;  // integral of the DCM error: gain [1/s], limit [m s]
   static constexpr double kLeast = 0.015;  // DCM error above which a step corrects its foothold and time [m]
@@ -86,7 +87,7 @@ class Walker {
         weight_(p.number("weight")),
         steepest_(p.number("steepest")),
         rates_(std::size_t(p.integer("nv"))),
-        observer_(turning(rates_.size()), p.number("keeps")) {
+        observer_(turning(rates_.size()), p.number("keeps"), kNoise) {
     const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
     gait_ = {gait[0], gait[1], gait[2], gait[3], gait[4], gait[5]};
     footsteps_ = {gait_.period(), p.number("width"), {reach[0], reach[1], reach[2], reach[3]}};
