@@ -149,11 +149,12 @@ class Policy:
 
 
 class Goal(NamedTuple):
-    """Goal of a hand: in the world, over the base in its heading's axes, and its velocity there ``(6,)``."""
+    """Goal of a hand: in the world, over the base in its heading's axes, velocities of goal and base there ``(6,)``."""
 
     world: pin.SE3
     place: pin.SE3
     velocity: Any
+    base: Any
 
 
 def _rate(a: pin.SE3, b: pin.SE3) -> Any:
@@ -196,10 +197,10 @@ class Course:
         """Duration [s]."""
         return 1.0 + (len(self.points[0]) - 1) * (self.way + self.rest)
 
-    def goals(self, t: float, base: pin.SE3) -> list[Goal]:
-        """Goals of both hands over the axes of the base's heading."""
-        then = self.at(t + DT)
-        return [Goal(base * a, a, _rate(a, b)) for a, b in zip(self.at(t), then, strict=True)]
+    def goals(self, t: float, base: pin.SE3, command: Any) -> list[Goal]:
+        """Goals of both hands over the axes of the base's heading; command: vx, vy [m/s], wz [rad/s] of the base."""
+        then, twist = self.at(t + DT), np.array([*command[:2], 0.0, 0.0, 0.0, command[2]])
+        return [Goal(base * a, a, _rate(a, b), twist) for a, b in zip(self.at(t), then, strict=True)]
 
     def at(self, t: float) -> list[pin.SE3]:
         """Places of both hands."""
@@ -238,7 +239,7 @@ class UpperBody:
         """Targets of the arms' servos ``(14,)`` [rad]."""
         state, arms = self._robot.state(q, v), self._arms
         goals = [
-            arms.over_base(state, hand, aim.place.homogeneous, aim.velocity)
+            arms.over_base(state, hand, aim.place.homogeneous, aim.velocity, aim.base)
             for hand, aim in zip(arms.hands, aims, strict=True)
         ]
         tick = arms.step(state, *goals, *self._loads)
@@ -368,12 +369,12 @@ def motion(files: tuple[Path, Path], make: Callable[..., Any], seed: int) -> Mot
         turned = np.empty(9)
         mujoco.mju_quat2Mat(turned, data.qpos[3:7])
         R = turned.reshape(3, 3)
+        given = command if k > 50 else 0.0 * command
         if k % 2 == 0:
-            given = command if k > 50 else 0.0 * command
             target = policy.targets(R, data.qvel[3:6].copy(), data.qpos[7:], data.qvel[6:], given)
         turn = math.atan2(R[1, 0], R[0, 0])
         base = pin.SE3(pin.utils.rotate("z", turn), data.qpos[:3].copy())
-        aims = course.goals(k * DT, base)
+        aims = course.goals(k * DT, base, given)
         q = np.concatenate((data.qpos[:3], data.qpos[[4, 5, 6, 3]], data.qpos[7:]))
         v = np.concatenate((R.T @ data.qvel[:3], data.qvel[3:]))
         still.qpos[:] = data.qpos

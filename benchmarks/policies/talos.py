@@ -120,11 +120,11 @@ def motion(seed: int, reach: float | None) -> Motion:
         place, turned = plant.place(base)
         heading = pin.utils.rotate("z", math.atan2(turned[1, 0], turned[0, 0]))
         pelvis = pin.SE3(heading, np.array(place))
-        aims = course.goals(k * DT, pelvis)
+        aims = course.goals(k * DT, pelvis, velocity if walks and k * DT > 1.0 else np.zeros(3))
         if reach is not None and k % EVERY == 0:
             start, state = time.process_time(), robot.state(q, v)
             goals = [
-                arms.over_base(state, hand, aim.place.homogeneous, aim.velocity)
+                arms.over_base(state, hand, aim.place.homogeneous, aim.velocity, aim.base)
                 for hand, aim in zip(arms.hands, aims, strict=True)
             ]
             tick = arms.step(state, *goals, loads=masses.tolist())

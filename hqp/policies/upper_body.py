@@ -259,24 +259,26 @@ class UpperBodySession:
         servos = self._servos
         return UpperBodyTick(angles if servos is None else servos.target(tau, angles, v), v, tau, tick)
 
-    def over_base(self, state: State, hand: Pose, place: Mat, velocity: Vec | None = None) -> Reference:
+    def over_base(
+        self, state: State, hand: Pose, place: Mat, velocity: Vec | None = None, base: Vec | None = None
+    ) -> Reference:
         """Reference of one of ``hands`` for a place that base and heading carry:
 
-            p = p_b + R p_place,  v = v_b + Omega x R p_place + R v_place,  omega = Omega + R omega_place.
+            p = p_b + R p_place,  v = R (v_b + omega_b x p_place + v_place),  omega = R (omega_b + omega_place).
 
-        R, Omega: axes and rate of the base's heading.  place: homogeneous matrix ``(4, 4)`` in these axes, from the
-        base's origin.  velocity ``(6,)``: of the place, in these axes [m/s, rad/s], zero for None.  An invalid state
-        keeps the hold value.
+        R: axes of the base's heading.  place: homogeneous matrix ``(4, 4)`` in these axes, from the base's origin.
+        velocity ``(6,)``: of the place, in these axes [m/s, rad/s], zero for None.  base ``(6,)``: [v_b; omega_b] in
+        these axes as its controller plans it, such as the command of a walk, zero for None; hands that follow the
+        measured one add to every sway.  An invalid state keeps the hold value.
         """
         if not state.valid:
             return Reference(hand.name)
         view = View(state, self._base, heading=self.robot.floating)
-        rate = np.zeros(6) if velocity is None else np.asarray(velocity, float)
-        base, arm = state.velocity(self._base), view.rotation @ place[:3, 3]
-        turn = view.H @ base[3:]
-        carried = np.concatenate((base[:3] + np.cross(turn, arm), turn))
-        goal = homogeneous(view.origin + arm, view.rotation @ place[:3, :3])
-        return hand.at(goal, velocity=carried + np.kron(np.eye(2), view.rotation) @ rate)
+        rate = np.zeros(6) if velocity is None else np.array(velocity, float)
+        if base is not None:
+            rate += np.concatenate((base[:3] + np.cross(base[3:], place[:3, 3]), base[3:]))
+        goal = homogeneous(view.origin + view.rotation @ place[:3, 3], view.rotation @ place[:3, :3])
+        return hand.at(goal, velocity=(rate.reshape(2, 3) @ view.rotation.T).ravel())
 
     def _supported(self, state: State, standing: Collection[str] | None) -> list[Reference]:
         """Reference of the support polygon."""

@@ -17,6 +17,7 @@ from hqp.loop.file import text
 from hqp.policies.acceleration import Acceleration
 from hqp.robots import Robot
 from hqp.tasks.collision_scene import scene
+from hqp.tasks.relative import View
 from tests.tasks.test_prescribed import legs_of, load, nearest
 
 DT = 0.01
@@ -293,18 +294,24 @@ def test_joints_move_as_planned_on_a_base_that_is_shaken(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
 def test_places_over_the_base_are_carried_by_it(name: str) -> None:
-    """Drawn motions of base and place: the reference's velocity is the difference quotient of its poses."""
+    """A base that moves as planned, a drawn place: the reference's velocity is the difference quotient of its poses."""
     robot, rng = load(name), np.random.default_rng(5)
     arms, step = made(robot, "velocities"), 1e-6
     for hand in arms.hands:
-        q = robot.integrate(robot.home, rng.uniform(-0.5, 0.5, robot.nv), 1.0)
-        v, place, rate = rng.uniform(-1.0, 1.0, robot.nv), pin.SE3.Random(), rng.uniform(-1.0, 1.0, 6)
+        q = robot.integrate(robot.home, np.r_[rng.uniform(-2.0, 2.0, 3), np.zeros(robot.nv - 3)], 1.0)
+        turn = pin.utils.rotate("z", rng.uniform(-3.0, 3.0))
+        q[3:7] = pin.Quaternion(turn @ pin.Quaternion(*q[[6, 3, 4, 5]].tolist()).matrix()).coeffs()
+        heading = View(robot.state(q), arms._base, heading=True).rotation
+        base, rate, place = np.r_[rng.normal(size=3), 0.0, 0.0, rng.normal()], rng.normal(size=6), pin.SE3.Random()
+        v = np.zeros(robot.nv)
+        local = pin.Quaternion(*q[[6, 3, 4, 5]].tolist()).matrix().T @ heading
+        v[:3], v[3:6] = local @ base[:3], local @ base[3:]
         moved = pin.SE3(pin.exp3(step * rate[3:]) @ place.rotation, place.translation + step * rate[:3])
         before, after = (
-            arms.over_base(robot.state(robot.integrate(q, v, s), v), hand, at.homogeneous, rate)
+            arms.over_base(robot.state(robot.integrate(q, v, s)), hand, at.homogeneous, rate, base)
             for s, at in ((0.0, place), (step, moved))
         )
         np.testing.assert_allclose((after.value - before.value)[:3, 3] / step, before.velocity[:3], atol=1e-4)
-        turn = pin.log3(after.value[:3, :3] @ before.value[:3, :3].T) / step
-        np.testing.assert_allclose(turn, before.velocity[3:], atol=1e-4)
+        turned = pin.log3(after.value[:3, :3] @ before.value[:3, :3].T) / step
+        np.testing.assert_allclose(turned, before.velocity[3:], atol=1e-4)
     assert arms.over_base(robot.state(np.full(robot.nq, np.nan)), hand, place.homogeneous).value is None
