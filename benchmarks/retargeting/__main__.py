@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,11 +16,9 @@ from hqp.motion import Motion
 from hqp.motion.anchored import solved
 from hqp.motion.body import Body
 from hqp.motion.contacts import NAMES
-from hqp.motion.dynamics import carried
 from hqp.motion.joints import SIDES, parts_of
 from hqp.motion.measures import measure
-from hqp.motion.retargeting import LEAST_RATE
-from hqp.motion.schedule import grounded, schedule_of
+from hqp.motion.retargeting import solution, ticked
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.smoothing import smoothed
 from hqp.motion.stacks import Stacks
@@ -93,7 +90,7 @@ def _rows(robot: Any, clip: str, motion: Motion, rival: bool, physics: bool) -> 
     name = robot.name
     found = find_map(None, robot)
     body = Body.of(robot, found)
-    motion = motion.smoothed().at_rate(motion.fps * math.ceil(LEAST_RATE / motion.fps))
+    motion = ticked(motion, motion.fps)
     parts = parts_of(motion.names, found.human)
     targets = targets_of(motion, parts, body)
     tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps), targets)
@@ -133,16 +130,13 @@ def _carried(robot: Any, clip: str, motion: Motion) -> Iterator[tuple[str, ...]]
     name = robot.name
     found = find_map(None, robot)
     body = Body.of(robot, found)
-    motion = motion.smoothed().at_rate(motion.fps * math.ceil(LEAST_RATE / motion.fps))
+    motion = ticked(motion, motion.fps)
     targets = targets_of(motion, parts_of(motion.names, found.human), body)
-    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps), targets)
-    today = fate(hqp.robots.load(name, rotors=True), targets, smoothed(tracker, solved(tracker)).q)
-    schedule = schedule_of(targets, body)
-    targets = grounded(targets, body, schedule)
-    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps, flat=True), targets)
-    passed, plan = carried(tracker, smoothed(tracker, solved(tracker)), schedule)
+    today = fate(hqp.robots.load(name, rotors=True), targets, solution(robot, found, body, targets)[1].q)
+    tracker, passed, plan = solution(robot, found, body, targets, dynamics=True)
+    assert plan is not None
     drawn = [Disturbance(), *(Disturbance.drawn(seed, today.of) for seed in range(1, DRAWN + 1))]
-    fates = [carry(hqp.robots.load(name, rotors=True), targets, passed.q, plan, each) for each in drawn]
+    fates = [carry(hqp.robots.load(name, rotors=True), tracker.targets, passed.q, plan, each) for each in drawn]
     whole = sum(f.seconds >= f.of for f in fates[1:])
     out, hands = (
         f"{scale * a:.0f} -> {scale * b:.0f}" for scale, (a, b) in ((1e2, plan.zmp_outside), (1e3, plan.hands_p99))

@@ -15,7 +15,7 @@ from .anchored import solved
 from .body import Body
 from .clip import Motion
 from .contacts import NAMES, Mask
-from .dynamics import carried
+from .dynamics import Dynamics, carried
 from .joints import parts_of
 from .measures import measure
 from .person import joints_of, remarks
@@ -27,8 +27,8 @@ from .shortfalls import gave_way, shortfalls
 from .skeleton_map import SkeletonMap, find_map
 from .smoothing import smoothed
 from .stacks import Stacks
-from .targets import targets_of
-from .tracker import Tracker
+from .targets import Targets, targets_of
+from .tracker import Pass, Tracker
 
 LEAST_RATE = 100.0
 """Least tick rate [1/s]; a frame of a slower motion takes several ticks."""
@@ -72,35 +72,58 @@ def retarget(
             raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed="above 0")
         given = _contacts(contacts, len(motion))
         rate = motion.fps if fps is None else float(fps)
-        each = math.ceil(LEAST_RATE / rate)
-        body = Body.of(robot, found)
-        clip = motion.smoothed().at_rate(rate * each)
+        clip = ticked(motion, rate)
         masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
-        parts = parts_of(clip.names, found.human)
+        body, parts = Body.of(robot, found), parts_of(clip.names, found.human)
         targets = targets_of(clip, parts, body, masks)
         begin = time.process_time()
-        schedule = schedule_of(targets, body) if dynamics else None
-        if schedule is not None:
-            targets = grounded(targets, body, schedule)
-        stacks = Stacks(robot, found, body, 1.0 / clip.fps, collision=collision, flat=dynamics)
-        tracker = Tracker(robot, stacks, targets)
-        passed, changes = smoothed(tracker, solved(tracker)), None
-        if schedule is not None:
-            passed, changes = carried(tracker, passed, schedule)
+        tracker, passed, changes = solution(robot, found, body, targets, collision=collision, dynamics=dynamics)
         spent = time.process_time() - begin
-        frames = slice(None, None, each)
-        measures = measure(robot, tracker.stacks, targets, passed.q)
-        q = passed.q[frames]
-        thinned = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
-        whole = tracker, passed.q, passed.v, measures.errors
-        behind = tuple(one.thinned(each) for one in shortfalls(*whole))
-        return Retargeted(
-            robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
-            targets.person[frames], clip.parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
-            _counted(passed.statuses), spent, targets.scale, (*clip.notes, *remarks(joints_of(motion, parts))),
-            None if changes is None else changes.thinned(each),
-            None if targets.box is None else targets.box.frames(frames),
-        )  # fmt: skip
+        notes = (*clip.notes, *remarks(joints_of(motion, parts)))
+        return _retargeted(tracker, passed, changes, rate, clip.parents, spent, notes)
+
+
+def ticked(motion: Motion, rate: float) -> Motion:
+    """A smoothed motion with a frame for each tick: the least multiple of a rate that ``LEAST_RATE`` allows [1/s]."""
+    return motion.smoothed().at_rate(rate * math.ceil(LEAST_RATE / rate))
+
+
+def solution(
+    robot: Robot, found: SkeletonMap, body: Body, targets: Targets, *, collision: bool = True, dynamics: bool = False
+) -> tuple[Tracker, Pass, Dynamics | None]:
+    """Follow targets by strict levels; dynamics: place feet by a schedule, and follow a plan of the CoM.
+
+    The tracker has the targets with the feet so placed.
+    """
+    schedule = schedule_of(targets, body) if dynamics else None
+    if schedule is not None:
+        targets = grounded(targets, body, schedule)
+    stacks = Stacks(robot, found, body, 1.0 / targets.fps, collision=collision, flat=dynamics)
+    tracker = Tracker(robot, stacks, targets)
+    passed = smoothed(tracker, solved(tracker))
+    return (tracker, passed, None) if schedule is None else (tracker, *carried(tracker, passed, schedule))
+
+
+def _retargeted(
+    tracker: Tracker, passed: Pass, changes: Dynamics | None, rate: float, parents: tuple[int, ...], spent: float,
+    notes: tuple[str, ...],
+) -> Retargeted:  # fmt: skip
+    """The frames of a pass at a rate [1/s], measured in its ticks, and in its frames."""
+    robot, targets = tracker.robot, tracker.targets
+    each = round(targets.fps / rate)
+    frames = slice(None, None, each)
+    q = passed.q[frames]
+    measures = measure(robot, tracker.stacks, targets, passed.q)
+    thinned = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
+    whole = tracker, passed.q, passed.v, measures.errors
+    behind = tuple(one.thinned(each) for one in shortfalls(*whole))
+    return Retargeted(
+        robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
+        targets.person[frames], parents, thinned, behind, gave_way(*whole, range(0, len(targets), each)),
+        _counted(passed.statuses), spent, targets.scale, notes,
+        None if changes is None else changes.thinned(each),
+        None if targets.box is None else targets.box.frames(frames),
+    )  # fmt: skip
 
 
 def _loaded(robot: Robot | str) -> Robot:
