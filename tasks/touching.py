@@ -238,7 +238,7 @@ class _Drawn:
     def near(self, i: int, j: int, least: float) -> Index:
         """Configurations in which capsules are nearer than a distance."""
         most, draws, distance = self._near.get((i, j), (-math.inf, _NONE, _NONE))
-        if most < least:  # measured once for the largest distance that is asked for, which is usually the first
+        if most < least:  # measured once, usually: the first distance of a pair is its largest
             off = np.linalg.norm(self.middle[i] - self.middle[j], axis=1) - self.size[i] - self.size[j]
             draws = np.flatnonzero(off < least)
             distance = self.gap(i, j, draws)

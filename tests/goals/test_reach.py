@@ -244,7 +244,7 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_a_native_descent_that_gives_up_is_continued_where_it_is(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its steps count, and the general path meets what the whole descent meets."""
+    """Its steps count, and the general path meets the same goals as the whole descent."""
     robot, rng = load(name), np.random.default_rng(8)
     hand = Pose(frame=TOOLS[name][0])
     search, whole = Search(Stack(Level(hand), Level(Posture())), robot, one_second), native.NativeDescents.descend

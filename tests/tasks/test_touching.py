@@ -215,8 +215,8 @@ def test_a_robot_with_other_ranges_has_its_own_clearance(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_distances_asked_in_any_order_are_those_asked_once(seed: int) -> None:
-    """Near configurations are measured once for each pair: what is asked before changes nothing."""
+def test_the_order_of_distances_does_not_matter(seed: int) -> None:
+    """Near configurations are measured once for each pair, in any order of the distances."""
     robot, rng = drawn(seed), np.random.default_rng(seed)
     capsules = tuple(robot.capsules)
     places = touching._drawn(robot.copy(), [c.body for c in capsules], 200)
