@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.retargeting.physics import ASTRAY, DT, SINK, Fate, Tracking
+from benchmarks.retargeting.physics import ASTRAY, DT, FRICTION, SINK, Fate, Tracking
 from hqp.declare.law import PD
 from hqp.declare.stack import Level, Stack
+from hqp.estimation.rotations import yaw_of
 from hqp.loop.controller import Controller
-from hqp.motion.dynamics import Dynamics
+from hqp.motion import schedule
+from hqp.motion.dynamics import Dynamics, front
 from hqp.motion.rates import velocities
 from hqp.motion.smoothing import filtered
 from hqp.motion.targets import Targets
-from hqp.tasks import Com
+from hqp.tasks import CenterOfPressure, Com, ContactForce, EdgeContact, FrictionCone, Orientation
 from hqp.torque.program import Torque
+from hqp.walking.feet import Foot, feet_of
+from hqp.walking.footsteps import rotation
 from hqp.walking.stacks import BOTH, FIRM, HASTE, Laws
 
 REACH = 0.08
@@ -61,7 +65,10 @@ class Carrying(Tracking):
     """
 
     def __init__(self, robot: Any, targets: Targets, q: Any, plan: Dynamics, disturbance: Disturbance) -> None:
-        self._disturbance = disturbance
+        self._disturbance, self.toes = disturbance, plan.toes
+        for foot in feet_of(robot):
+            x, y = _front(foot).mean(axis=0)
+            robot = robot.with_frame(toe(foot), foot.frame, [x, y, foot.depth])
         super().__init__(robot, targets, q)
         self.com, self.rate, self.push = plan.com, plan.velocity, plan.acceleration
         self.calm = filtered(robot, q, self.fps)
@@ -69,16 +76,35 @@ class Carrying(Tracking):
         k = Laws().balance.k
         law = PD(self.omega * k, self.omega + k)
         self.balance = Com(axes="xy", law=law, weight=FIRM, name="balance")
-        stacks = self.stacks
-        body = Level(*stacks.swing, self.balance, stacks.height, stacks.trunk, name="body", price=HASTE)
-        rest = [] if stacks.posture is None else [Level(stacks.posture, name="posture")]
-        knees = Level(stacks.knees, name="knees")
-        stack = Stack(knees, body, *rest, Level(stacks.share, name="share"), subject_to=list(stacks.stack.subject_to))
-        controller = Controller(stack, Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
+        controller = Controller(self._stack(), Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
         self.session = controller.session(robot, DT)
         self.moved, self.landing = np.zeros(2), np.zeros(2)
         gravity = float(-robot.gravity[2])
         self.load, self.lift, self.rises = robot.mass * gravity, gravity, float(self.rate[0, 2])
+
+    def _stack(self) -> Stack:
+        """The walker's stack with the CoM for the balance, and a phase for each foot on its toe."""
+        stacks = self.stacks
+        within: list[Any] = list(stacks.stack.subject_to)
+        self.loads, self.heels = [], []
+        for foot, other in zip(self.feet, self.feet[::-1], strict=True):
+            name, half = toe(foot), 0.5 * float(np.ptp(_front(foot)[:, 1])) - foot.margin
+            k = next(i for i, one in enumerate(within) if one.name == other.name)
+            within[k] = replace(within[k], when=(*within[k].when, name))
+            within += [
+                EdgeContact(frame=name, axis="y", name=name, when=name),
+                FrictionCone(contact=name, mu=FRICTION),
+                CenterOfPressure(contact=name, rectangle=(-foot.margin, foot.margin, -half, half)),
+            ]
+            self.loads.append(ContactForce(contact=name, components=("fx", "fy", "fz", "mx", "mz")))
+            law, heel = Laws().swing, f"{foot.name}_heel"
+            self.heels.append(Orientation(frame=foot.frame, axes="pitch", law=law, name=heel, when=name))
+        rest = []
+        if stacks.posture is not None:
+            rest = [Level(stacks.posture, name="posture")]
+        body = Level(*stacks.swing, *self.heels, self.balance, stacks.height, stacks.trunk, name="body", price=HASTE)
+        shares = Level(stacks.share, *self.loads, name="share")
+        return Stack(Level(stacks.knees, name="knees"), body, *rest, shares, subject_to=within)
 
     def _furnish(self, spec: Any) -> None:
         super()._furnish(spec)
@@ -137,7 +163,13 @@ class Carrying(Tracking):
         if stacks.posture is not None:
             columns = self.robot.joints(stacks.posture.joints)
             found.append(stacks.posture.at(calm.angles[columns], velocity=calm.v[columns]))
-        if self.phase == BOTH:
+        phase = self.phase
+        raised = next((side for side in (0, 1) if phase == BOTH and self.toes[i, side]), None)
+        if raised is not None:
+            phase, heel = toe(self.feet[raised]), self.heels[raised]
+            found.append(self._toe_load(raised, i, since, state, zmp, push))
+            found.append(heel.at(heel.value(told), velocity=heel.jacobian(told) @ told.v))
+        elif phase == BOTH:
             found.append(stacks.share.at(self._shared(i, state, zmp)))
         else:
             side = 1 - [foot.name for foot in self.feet].index(self.phase)
@@ -148,7 +180,19 @@ class Carrying(Tracking):
             pose[:2, 3] += self.moved + self.landing
             pose[2, 3] -= SINK * self.late[side]
             found.append(stacks.swing[side].at(pose, velocity=told.jacobian(frame) @ told.v))
-        return self.session.step(state, *found, phase=self.phase)
+        return self.session.step(state, *found, phase=phase)
+
+    def _toe_load(self, side: int, i: int, since: float, state: Any, zmp: Any, push: Any) -> Any:
+        """Reference of a toe's force: its share of the load by the ZMP's place, which fades until the foot lifts."""
+        foot = self.feet[side]
+        place, other = state.position(toe(foot))[:2], self.feet[1 - side].placed(state).xy
+        way, left = place - other, float(np.argmin(self.rests[side][i:])) / self.fps - since
+        most = min(1.0, left / schedule.LEAST[schedule.BOTH])
+        share = min(max(float((zmp - other) @ way / (way @ way)), 0.0), most)
+        self.share = share if side else 1.0 - share
+        force = share * self.robot.mass * (push - self.robot.gravity)
+        along = rotation(-yaw_of(state.rotation(foot.frame))) @ force[:2]
+        return self.loads[side].at([*along, force[2], 0.0, 0.0])
 
     def _aim(self, i: int, side: int, state: Any, dcm: Any) -> None:
         """Move the landing of a swing foot by the DCM's error at that time, less that which the ankle makes up for."""
@@ -172,6 +216,16 @@ class Carrying(Tracking):
         frame = self.feet[side].frame
         self.moved = state.position(frame)[:2] - told.position(frame)[:2]
         self.landing = np.zeros(2)
+
+
+def toe(foot: Foot) -> str:
+    """Name of the front edge of a sole: its frame, its contact, and the phase in which it stands on it."""
+    return f"{foot.name}_toe_edge"
+
+
+def _front(foot: Foot) -> Any:
+    """Right and left end of the front edge of a sole whose frame faces ahead ``(2, 2)`` [m]."""
+    return front(np.array(foot.corners))
 
 
 def carry(robot: Any, targets: Targets, q: Any, plan: Dynamics, disturbance: Disturbance | None = None) -> Fate:

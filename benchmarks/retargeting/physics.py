@@ -39,7 +39,7 @@ PLATE = 0.15, 0.12, 0.01
 """Half its length, width and thickness [m]."""
 
 FEET = 2
-"""Bit of the plates, which feet alone touch: a clip does not say how far a box reaches around its places."""
+"""Bit of the plates, which feet alone touch: the extent of a box around its footholds is unknown."""
 
 EACH = 10
 """Ticks between two comparisons of the links with the reference's."""
@@ -70,7 +70,7 @@ def plates(targets: Targets) -> list[Any]:
         ground, place = targets.contacts.ground[f"{side}_foot"], targets.places[f"{side}_sole"]
         for first, last in runs(targets.contacts.resting[f"{side}_foot"]):
             if ground[first] > RAISED:
-                found.append((*np.median(place[first:last, :2], axis=0), np.median(place[first:last, 2])))
+                found.append((*np.median(place[first:last, :2], axis=0), ground[first]))
     return found
 
 

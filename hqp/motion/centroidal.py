@@ -33,6 +33,8 @@ SOLVERS = ("clarabel", "piqp", "proxqp", "osqp")
 class Support(NamedTuple):
     """A sole that stands: its convex outline from above, counter-clockwise ``(m, 2)``, and its height [m].
 
+    Two corners are an edge, of a foot on its toe.
+
     strength: largest load of its leg over the robot's mass [m/s^2].
     """
 
@@ -45,8 +47,10 @@ class Support(NamedTuple):
         """Normals ``(m, 2)`` and offsets ``(m,)`` [m] of the outline {p: normals p <= offsets}."""
         along = np.roll(self.corners, -1, axis=0) - self.corners
         normals = np.column_stack((along[:, 1], -along[:, 0]))
+        if len(along) == 2:
+            normals = np.vstack((normals, along))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return normals, np.sum(normals * self.corners, axis=1)
+        return normals, (normals @ self.corners.T).max(axis=1)
 
 
 Soles = tuple[Support, ...]

@@ -16,10 +16,10 @@ from hqp.tasks.support_polygon import hull
 from .body import Body
 from .centroidal import Soles, Support, centroidal_plan, outside
 from .clip import low_pass
-from .contacts import Mask, smooth
+from .contacts import Mask, runs, smooth
 from .joints import SIDES
 from .rates import velocities
-from .schedule import Schedule
+from .schedule import BOTH, LEAST, Schedule
 from .smoothing import LIVELY, Course, filtered
 from .tracker import Pass, Tracker
 
@@ -41,22 +41,26 @@ ROUNDS = 3
 OUTSIDE = 0.01
 """Distance of a ZMP from the soles beyond which a frame counts as outside [m]."""
 
+EVEN = 5e-3
+"""Depth of a sole's front edge: corners this far behind its first one are on it [m]."""
+
 LIFTS = 0.05
 """Time in which moving feet join the CoM's change of height at the ends of a flight [s]."""
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Changes of a motion that make it carriable by the forces of flat soles.
+    """Changes of a motion that make it carriable by the forces of soles and toes.
 
-    stands ``(T, 2)``: true while the left or right sole stands.  com, velocity, acceleration ``(T, 3)``: the plan [m,
-    m/s, m/s^2].  zmp ``(T, 2)`` [m]: ZMP of the plan, NaN in flight.  shift ``(T,)`` [m]: distance of the plan from the
-    kinematic CoM.  zmp_outside: share of standing frames whose ZMP, angular momentum included, is more than 10 mm
-    outside the soles, before and after.  hands_p99: 99th percentile of the hands' error [m], before and after.  missed
-    [m]: largest distance of the CoM from the plan.
+    stands, toes ``(T, 2)``: true while the left or right sole stands, and while it stands on its toe alone.  com,
+    velocity, acceleration ``(T, 3)``: the plan [m, m/s, m/s^2].  zmp ``(T, 2)`` [m]: ZMP of the plan, NaN in flight.
+    shift ``(T,)`` [m]: distance of the plan from the kinematic CoM.  zmp_outside: share of standing frames whose ZMP,
+    angular momentum included, is more than 10 mm outside the soles, before and after.  hands_p99: 99th percentile of
+    the hands' error [m], before and after.  missed [m]: largest distance of the CoM from the plan.
     """
 
     stands: Mask
+    toes: Mask
     com: Mat
     velocity: Mat
     acceleration: Mat
@@ -68,7 +72,7 @@ class Dynamics:
 
     def thinned(self, each: int) -> Dynamics:
         """Every ``each``-th frame."""
-        names = ("stands", "com", "velocity", "acceleration", "zmp", "shift")
+        names = ("stands", "toes", "com", "velocity", "acceleration", "zmp", "shift")
         return replace(self, **{name: getattr(self, name)[::each] for name in names})
 
     def lines(self) -> list[str]:
@@ -88,14 +92,15 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     Levels: limits, floor, self-collision > standing feet > moving feet > CoM from above > its height, hands, trunk and
     joints.  Raises DeclarationError for a robot without shapes at its soles.
     """
-    robot, stacks, fps, q, stands = tracker.robot, tracker.stacks, tracker.targets.fps, found.q, schedule.stands
+    robot, stacks, fps, q = tracker.robot, tracker.stacks, tracker.targets.fps, found.q
     if any(len(stacks.body.soles[side]) < 3 for side in SIDES):
         allowed = "a robot with collision shapes on both feet"
         raise DeclarationError("retarget", "dynamics need the outline of the soles", value=robot.name, allowed=allowed)
+    stands, toes = schedule.stands, schedule.toes
     own, spin = centroidal(robot, q, fps)
     each = max(1, int(fps / NODES))
     nodes, dt = slice(None, None, each), each / fps
-    places = supports_of(tracker, q[nodes], stands[nodes], margin=True)
+    places = supports_of(tracker, q[nodes], stands[nodes], toes[nodes], margin=True)
     times = np.minimum(np.arange(len(q)) / fps, (len(places) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
@@ -103,7 +108,8 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
 
     def once(before: Mat, reached: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
         plan, highest, legs = None, np.full(len(places), np.inf), _legs(tracker, before[nodes])
-        supports = strong(tracker, places, before[nodes], stands[nodes])
+        supports = strong(tracker, places, before[nodes], stands[nodes], toes[nodes])
+        supports = unloading(supports, stands[nodes], toes[nodes], gravity * dt / LEAST[BOTH])
         aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
             plan = centroidal_plan(aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
@@ -120,11 +126,11 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
         course.follow(again.q)
         again, (com, rate, push), zmp = once(again.q, *centroidal(robot, again.q, fps))
     reached, _ = centroidal(robot, again.q, fps)
-    before, after = (share_outside(zmp_outside(tracker, each.q, stands)) for each in (found, again))
+    before, after = (share_outside(zmp_outside(tracker, each.q, stands, toes)) for each in (found, again))
     hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)
     missed = float(np.linalg.norm(reached - com, axis=1).max())
     shift = np.asarray(np.linalg.norm(com - own, axis=1))
-    return again, Dynamics(stands, com, rate, push, zmp, shift, (before, after), hands, missed)
+    return again, Dynamics(stands, toes, com, rate, push, zmp, shift, (before, after), hands, missed)
 
 
 def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
@@ -144,35 +150,55 @@ def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
     return com, torque * fps
 
 
-def supports_of(tracker: Tracker, q: Mat, stands: Mask, *, margin: bool) -> list[Soles]:
-    """The standing soles, frame by frame; margin: true to leave that of a plan."""
+def supports_of(tracker: Tracker, q: Mat, stands: Mask, toes: Mask, *, margin: bool) -> list[Soles]:
+    """The standing soles, frame by frame, their front edge on the toe; margin: true to leave that of a plan."""
     stacks = tracker.stacks
-    corners = {side: _corners(stacks.body, side, margin) for side in SIDES}
+    corners = {side: _corners(stacks.body.soles[side], margin) for side in SIDES}
+    fronts = {side: _corners(front(stacks.body.soles[side]), margin) for side in SIDES}
     found = []
-    for at, down in zip(q, stands, strict=True):
+    for at, down, raised in zip(q, stands, toes, strict=True):
         state, soles = tracker.robot.state(at), []
-        for side, on in zip(SIDES, down, strict=True):
+        for side, on, toe in zip(SIDES, down, raised, strict=True):
             if on:
                 frame = stacks.frames[f"{side}_sole"]
-                offsets = np.array([stacks.in_frame(side, corner) for corner in corners[side]])
+                offsets = np.array([stacks.in_frame(side, corner) for corner in (fronts if toe else corners)[side]])
                 points = state.position(frame) + offsets @ state.rotation(frame).T
-                soles.append(Support(points[hull(points[:, :2]), :2], float(points[:, 2].mean())))
+                outline = points[:, :2] if toe else points[hull(points[:, :2]), :2]
+                soles.append(Support(outline, float(points[:, 2].mean())))
         found.append(tuple(soles))
     return found
 
 
-def strong(tracker: Tracker, supports: list[Soles], q: Mat, stands: Mask) -> list[Soles]:
+def front(outline: Mat) -> Mat:
+    """Ends of the front edge of a sole, right and left ``(2, 3)`` [m]."""
+    ahead = outline[outline[:, 0] > outline[:, 0].max() - EVEN]
+    return np.array([ahead[ahead[:, 1].argmin()], ahead[ahead[:, 1].argmax()]])
+
+
+def strong(tracker: Tracker, supports: list[Soles], q: Mat, stands: Mask, toes: Mask) -> list[Soles]:
     """Standing soles with the strength of their legs: the vertical force at a sole that the motors in q just hold."""
     robot, stacks, found = tracker.robot, tracker.stacks, []
     limits = robot.effort_limit[robot.actuated]
-    for soles, at, down in zip(supports, q, stands, strict=True):
+    for soles, at, down, raised in zip(supports, q, stands, toes, strict=True):
         state, strengths = robot.state(at), []
-        for side in (side for side, on in zip(SIDES, down, strict=True) if on):
-            ends = stacks.toes[side].jacobian(state), stacks.heels[side].jacobian(state)
+        for side, toe in ((side, toe) for side, on, toe in zip(SIDES, down, raised, strict=True) if on):
+            ends = stacks.toes[side].jacobian(state), (stacks.toes if toe else stacks.heels)[side].jacobian(state)
             lever = float(np.max(0.5 * np.abs(ends[0] + ends[1])[2, robot.actuated] / limits))
             strengths.append(1.0 / lever / _mass(state) if lever > 0.0 else math.inf)
         found.append(tuple(sole._replace(strength=most) for sole, most in zip(soles, strengths, strict=True)))
     return found
+
+
+def unloading(supports: list[Soles], stands: Mask, toes: Mask, rate: float) -> list[Soles]:
+    """Fade the load of a sole on its toe until it lifts, by a rate [m/s^2] a node, the weight in ``LEAST``."""
+    found = [list(soles) for soles in supports]
+    for k in range(len(SIDES)):
+        for first, last in runs(toes[:, k]):
+            for i in range(first, last):
+                own = int(stands[i, :k].sum())
+                sole = found[i][own]
+                found[i][own] = sole._replace(strength=min(sole.strength, rate * (last - 1 - i)))
+    return [tuple(soles) for soles in found]
 
 
 def _mass(state: State) -> float:
@@ -180,13 +206,12 @@ def _mass(state: State) -> float:
     return float(np.linalg.norm(state.momentum_map()[0][:3, 0]))
 
 
-def _corners(body: Body, side: str, margin: bool) -> Mat:
-    outline = body.soles[side]
+def _corners(outline: Mat, margin: bool) -> Mat:
     middle = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
     return np.asarray(middle + (1.0 - SHARE if margin else 1.0) * (outline - middle))
 
 
-def zmp_outside(tracker: Tracker, q: Mat, stands: Mask) -> Vec:
+def zmp_outside(tracker: Tracker, q: Mat, stands: Mask, toes: Mask) -> Vec:
     """Distance of the ground's force outside the hull of the standing soles, angular momentum included ``(T,)`` [m].
 
     Below 0 inside, NaN in flight.
@@ -195,7 +220,7 @@ def zmp_outside(tracker: Tracker, q: Mat, stands: Mask) -> Vec:
     com, spin = centroidal(robot, q, fps)
     acceleration = np.gradient(np.gradient(com, axis=0), axis=0) * fps**2
     found = np.full(len(q), np.nan)
-    for i, soles in enumerate(supports_of(tracker, q, stands, margin=False)):
+    for i, soles in enumerate(supports_of(tracker, q, stands, toes, margin=False)):
         if soles:
             force = acceleration[i] - robot.gravity
             force[2] = max(force[2], 1e-3)

@@ -14,7 +14,7 @@ from .clip import low_pass
 from .contacts import BESIDE, LEVEL, Contacts, Mask, runs, smooth
 from .joints import SIDES
 from .smoothing import LIVELY
-from .targets import Targets, turned
+from .targets import Edges, Targets, turned
 
 BOTH, LEFT, RIGHT, FLIGHT = range(4)
 STANDS = ((True, True), (True, False), (False, True), (False, False))
@@ -47,9 +47,12 @@ GRAVITY, LEG = 9.81, 0.8
 
 @dataclass(frozen=True)
 class Schedule:
-    """stands ``(T, 2)``: true while the left or the right sole stands flat.  fps [1/s]."""
+    """stands ``(T, 2)``: true while the left or the right sole stands.  toes ``(T, 2)``: true while it stands on its
+    toe alone, flat otherwise.  fps [1/s].
+    """
 
     stands: Mask
+    toes: Mask
     fps: float
 
     @property
@@ -75,7 +78,23 @@ def schedule_of(targets: Targets, body: Body) -> Schedule:
     """
     own = _costs(targets, body.leg)
     least = [max(1, round(time * targets.fps)) for time in LEAST]
-    return Schedule(np.array(STANDS)[_cheapest(own, least, CHANGE * targets.fps)], targets.fps)
+    stands = np.array(STANDS)[_cheapest(own, least, CHANGE * targets.fps)]
+    edges = np.column_stack([targets.edge[side] for side in SIDES])
+    return Schedule(stands, heel_off(stands, edges, least[BOTH]), targets.fps)
+
+
+def heel_off(stands: Mask, edges: Edges, least: int) -> Mask:
+    """True while a sole about to lift stands on its toe beside the other sole, as the person does ``(T, 2)``.
+
+    edges ``(T, 2)``: support of the person's feet.  least: frames in which a load changes feet; it lasts longer.
+    """
+    found = np.zeros_like(stands)
+    for k, (stand, other) in enumerate(zip(stands.T, stands.T[::-1], strict=True)):
+        raised = stand & other & (edges[:, k] == 1)
+        for first, last in runs(raised):
+            lifts = last < len(stands) and other[last] and not stand[last]
+            found[first:last, k] = lifts and last - first > least
+    return found
 
 
 def _costs(targets: Targets, leg: float) -> Mat:
@@ -139,19 +158,19 @@ def _cheapest(own: Mat, least: list[int], change: float) -> list[int]:
 
 
 def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
-    """Place feet as the schedule has them: flat at one place while they stand, clear of the ground between.
+    """Place feet as the schedule has them: flat or on the toe at one place while they stand, clear of the ground else.
 
     A foot in the air keeps the person's motion, shifted to the places before and after.
     """
     places, axes, edge = dict(targets.places), dict(targets.axes), {}
     resting, ground = dict(targets.contacts.resting), dict(targets.contacts.ground)
-    feet = [_Foot(targets, body, side, schedule.stands[:, k]) for k, side in enumerate(SIDES)]
+    feet = [_Foot(targets, body, side, schedule, k) for k, side in enumerate(SIDES)]
     heights = iter(levelled(np.vstack([foot.spots for foot in feet]), body.leg))
     for side, foot in zip(SIDES, feet, strict=True):
         foot.spots[:, 2] = [next(heights) for _ in foot.spots]
         sole, name = f"{side}_sole", f"{side}_foot"
         places[sole], axes[sole], ground[name] = foot.placed()
-        edge[side], resting[name] = np.zeros(len(targets), dtype=np.int8), foot.mask
+        edge[side], resting[name] = foot.toes.astype(np.int8), foot.mask
     return replace(targets, places=places, axes=axes, edge=edge, contacts=Contacts(resting, ground))
 
 
@@ -171,19 +190,22 @@ def levelled(spots: Mat, leg: float) -> Vec:
 
 
 class _Foot:
-    """A foot that stands flat by a mask.  spots: its places ``(n, 3)``, one for each stance, 0 high on the floor."""
+    """A foot of a schedule.
 
-    def __init__(self, targets: Targets, body: Body, side: str, mask: Mask) -> None:
-        self.mask, self._fps, self._home = mask, targets.fps, body.axes[f"{side}_sole"]
+    spots: its places ``(n, 3)``, one for each stance, 0 high on the floor.
+    """
+
+    def __init__(self, targets: Targets, body: Body, side: str, schedule: Schedule, k: int) -> None:
+        self.mask, self.toes = schedule.stands[:, k], schedule.toes[:, k]
+        self._home = body.axes[f"{side}_sole"]
         rest, ground = targets.contacts.resting[f"{side}_foot"], targets.contacts.ground[f"{side}_foot"]
         R = targets.axes[f"{side}_sole"] @ self._home.T
         self._yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
         tilt = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
-        self._tilt = (1.0 - smooth(mask, targets.fps, FLATTENS)) * tilt
-        pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
-        lowered = np.einsum("tij,tj->ti", R - turned(self._yaw, self._tilt), pivot)
-        self._place = targets.places[f"{side}_sole"] + lowered
-        self._stances, self.spots, self._headings = runs(mask), np.zeros((0, 3)), []
+        self._tilt = (1.0 - smooth(self.mask & ~self.toes, targets.fps, FLATTENS)) * tilt
+        self._pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
+        self._place = targets.places[f"{side}_sole"] - _rolled(R, self._yaw, self._pivot)
+        self._stances, self.spots, self._headings = runs(self.mask), np.zeros((0, 3)), []
         for first, last in self._stances:
             known = first + np.flatnonzero(rest[first:last])
             used = known if known.size else np.arange(first, last)
@@ -209,4 +231,11 @@ class _Foot:
                 s = (np.arange(first, last) - first + 1) / (last - first + 1)
                 straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
                 place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
-        return place, turned(self._yaw + turn, self._tilt) @ self._home, level
+        yaw = self._yaw + turn
+        R = turned(yaw, self._tilt)
+        return place + _rolled(R, yaw, self._pivot), R @ self._home, level
+
+
+def _rolled(R: Mat, yaw: Vec, pivot: Mat) -> Mat:
+    """Shift of a sole that rolls about a pivot from flat to R ``(T, 3)`` [m]."""
+    return np.asarray(np.einsum("tij,tj->ti", turned(yaw, np.zeros_like(yaw)) - R, pivot))

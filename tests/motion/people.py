@@ -52,6 +52,29 @@ def crouch(seconds: float = 1.5, fps: float = FPS) -> Motion:
     return Motion(NAMES, places, fps, PARENTS)
 
 
+def step_up(rise: float, fps: float = FPS) -> Motion:
+    """Step on a box [m], the left foot first; the right heel leaves the floor while both feet stand."""
+    people = []
+    for t in np.arange(0.0, 2.8, 1.0 / fps):
+        joints = _person(0.0, 0.0)
+        at = {name: i for i, name in enumerate(NAMES)}
+        over, back = _ease((t - 1.0) / 0.7), _ease((t - 1.7) / 0.7)
+        aside = -0.08 * _ease(t / 0.4) + 0.16 * over - 0.08 * back
+        move = np.array([0.3 * over, aside, (0.6 * over + 0.4 * back) * rise])
+        joints[[i for name, i in at.items() if "Foot" not in name and "Toe" not in name]] += move
+        for side, begin in (("Left", 0.4), ("Right", 1.7)):
+            s = _ease((t - begin) / 0.6)
+            swing = np.array([0.3 * s, 0.0, rise * _ease((t - begin) / 0.3) + 0.2 * s * (1.0 - s)])
+            raised = 0.7 * (_ease((t - 1.2) / 0.5) - _ease((t - 1.7) / 0.4)) if side == "Right" else 0.0
+            toe, foot = joints[at[f"{side}ToeBase"]] + swing, joints[at[f"{side}Foot"]] + swing
+            c, s, x, z = np.cos(raised), np.sin(raised), *(foot - toe)[[0, 2]]
+            joints[at[f"{side}ToeBase"]] = toe
+            joints[at[f"{side}Foot"]] = foot = toe + [c * x + s * z, 0.0, c * z - s * x]
+            joints[at[f"{side}Leg"]] = _bend(joints[at[f"{side}UpLeg"]], foot, THIGH, SHANK)
+        people.append(joints)
+    return Motion(NAMES, np.array(people), fps, PARENTS)
+
+
 def stretch(rise: float, seconds: float = 1.0, fps: float = FPS) -> Motion:
     """Arms from the sides to overhead while all but the feet rises [m], and a rest there."""
     motion = stand(seconds, fps=fps)

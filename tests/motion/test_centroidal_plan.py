@@ -18,15 +18,23 @@ from hqp.motion import Retargeted, retarget
 from hqp.motion.body import Body
 from hqp.motion.centroidal import CentroidalPlan, Soles, Support, centroidal_plan, outside
 from hqp.motion.contacts import LEVEL, runs
-from hqp.motion.dynamics import strong, supports_of, zmp_outside
+from hqp.motion.dynamics import front, strong, supports_of, unloading, zmp_outside
 from hqp.motion.joints import parts_of
-from hqp.motion.schedule import FLIGHT, LEAST, LEFT, RIGHT, _cheapest, levelled
+from hqp.motion.schedule import (
+    FLIGHT,
+    LEAST,
+    LEFT,
+    RIGHT,
+    _cheapest,
+    heel_off,
+    levelled,
+)  # fmt: skip
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import targets_of
 from hqp.motion.tracker import Tracker
 
-from .people import crouch, stand, walk
+from .people import crouch, stand, step_up, walk
 
 G, DT = 9.81, 1.0 / 60.0
 
@@ -38,8 +46,11 @@ def _square(x: float, y: float, half: float, height: float = 0.0, heading: float
     return Support(own @ np.array([[c, s], [-s, c]]), height)
 
 
-def _drawn(seed: int, heading: float = 0.0, rise: float = 0.0) -> tuple[Mat, list[Soles], Mat]:
-    """A person's CoM over steps of random length, height and time, their soles, and a random angular momentum."""
+def _drawn(seed: int, heading: float = 0.0, rise: float = 0.0, toes: bool = False) -> tuple[Mat, list[Soles], Mat]:
+    """A person's CoM over steps of random length, height and time, their soles, and a random angular momentum.
+
+    toes: true to stand on the front edge of a sole for a while before it lifts.
+    """
     rng = np.random.default_rng(seed)
     supports: list[Soles] = []
     x, z, side, heights = 0.0, 0.0, 1.0, []
@@ -48,7 +59,8 @@ def _drawn(seed: int, heading: float = 0.0, rise: float = 0.0) -> tuple[Mat, lis
         one = _square(x, side * 0.1, 0.04, z, heading)
         two = _square(x + step, -side * 0.1, 0.04, z + up, heading)
         alone, both = int(rng.integers(18, 30)), int(rng.integers(8, 14))
-        supports += [(one,)] * alone + [(one, two)] * both
+        edge = one._replace(corners=one.corners[1:3]) if toes else one
+        supports += [(one,)] * alone + [(one, two)] * (both // 2) + [(edge, two)] * (both - both // 2)
         heights += [z] * alone + np.linspace(z, z + up, both).tolist()
         x, z, side = x + step, z + up, -side
     n = len(supports)
@@ -60,8 +72,10 @@ def _drawn(seed: int, heading: float = 0.0, rise: float = 0.0) -> tuple[Mat, lis
     return com @ turn.T, supports, spin @ turn[:2, :2].T
 
 
-def _planned(seed: int, heading: float = 0.0, rise: float = 0.0) -> tuple[CentroidalPlan, list[Soles], Mat]:
-    com, supports, spin = _drawn(seed, heading, rise)
+def _planned(
+    seed: int, heading: float = 0.0, rise: float = 0.0, toes: bool = False
+) -> tuple[CentroidalPlan, list[Soles], Mat]:
+    com, supports, spin = _drawn(seed, heading, rise, toes)
     return centroidal_plan(com, supports, DT, gravity=G, highest=np.full(len(com), np.inf), spin=spin), supports, spin
 
 
@@ -84,11 +98,14 @@ def _lacks(soles: Soles, com: Vec, force: Vec, spin: Vec) -> float:
     return float(found.fun)
 
 
+@pytest.mark.parametrize("toes", [False, True])
 @pytest.mark.parametrize("rise", [0.0, 0.3])
 @pytest.mark.parametrize("seed", [*range(3), *(pytest.param(s, marks=pytest.mark.slow) for s in range(3, 23))])
-def test_forces_of_the_plan_act_inside_the_soles(seed: int, rise: float) -> None:
-    """Forces at their corners give the CoM's acceleration and the angular momentum, on level ground and on stairs."""
-    plan, supports, spin = _planned(seed, rise=rise)
+def test_forces_of_the_plan_act_inside_the_soles(seed: int, rise: float, toes: bool) -> None:
+    """Forces at their corners give the CoM's acceleration and the angular momentum, on level ground and on stairs, with
+    and without feet on their toes.
+    """
+    plan, supports, spin = _planned(seed, rise=rise, toes=toes)
     kept = [k for k in range(len(supports)) if plan.outside[k] < 1e-4]
     assert len(kept) >= 0.98 * len(supports)
     for k in kept:
@@ -104,7 +121,7 @@ def test_forces_of_the_plan_act_inside_the_soles(seed: int, rise: float) -> None
 
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(s, marks=pytest.mark.slow) for s in range(4, 24))])
 def test_legs_are_strong_enough_for_the_plan(seed: int) -> None:
-    """On stairs, where the motion asks for more than legs of drawn strengths give."""
+    """On stairs, in a motion that needs more load than legs of drawn strengths give."""
     com, supports, spin = _drawn(seed, rise=0.2)
     rng = np.random.default_rng(seed)
     strengths: dict[int, float] = {}
@@ -200,6 +217,72 @@ def test_a_walk_steps_by_its_schedule(walked: Retargeted) -> None:
     assert f"{100 * after:.1f} % after" in str(walked)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_heels_rise_before_a_sole_lifts(seed: int) -> None:
+    """In a drawn schedule and drawn edges of a person's feet: beside another sole, longer than a load changes feet."""
+    rng, least = np.random.default_rng(seed), 3
+    states = np.array([[1, 1], [1, 0], [1, 1], [0, 1], [1, 1], [0, 0]] * 4)
+    stands = np.repeat(states, rng.integers(1, 9, len(states)), axis=0) > 0
+    edges = np.repeat(rng.integers(-1, 2, (len(stands) // 4 + 1, 2), dtype=np.int8), 4, axis=0)[: len(stands)]
+    found = heel_off(stands, edges, least)
+    for k in (0, 1):
+        for first, last in runs(found[:, k]):
+            assert last - first > least
+            assert not stands[last, k]
+        lifts = [i for i in range(least + 1, len(stands)) if stands[i - 1, k] and (stands[i] == [k == 1, k == 0]).all()]
+        before = [slice(i - least - 1, i) for i in lifts]
+        on_toe = [bool(stands[b].all() and (edges[b, k] == 1).all()) for b in before]
+        assert [bool(found[i - 1, k]) for i in lifts] == on_toe
+    assert not (found & ~stands.all(axis=1, keepdims=True)).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_toe_unloads_before_it_lifts(seed: int) -> None:
+    """Nothing in its last node, at most the rate more in each node before, no more than before; soles as before."""
+    rng = np.random.default_rng(seed)
+    stands = np.repeat(np.array([[1, 1], [0, 1], [1, 1], [1, 0]] * 3), rng.integers(6, 12, 12), axis=0) > 0
+    toes = heel_off(stands, np.ones(stands.shape, dtype=np.int8), 4)
+    own, rate = _square(0.0, 0.0, 0.1)._replace(strength=rng.uniform(5.0, 15.0)), rng.uniform(1.0, 4.0)
+    found = unloading([(own,) * int(on.sum()) for on in stands], stands, toes, rate)
+    for k in (0, 1):
+        left = 0
+        for i in range(len(stands) - 1, -1, -1):
+            left = left + 1 if toes[i, k] else 0
+            expected = min(own.strength, rate * (left - 1)) if left else own.strength
+            assert not stands[i, k] or found[i][int(stands[i, :k].sum())].strength == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
+def test_a_toe_is_an_edge_across_the_sole(name: str) -> None:
+    """At least half as wide as the sole, at its front, from right to left."""
+    robot = hqp.robots.load(name)
+    for outline in Body.of(robot, find_map(None, robot)).soles.values():
+        ends = front(outline)
+        assert np.diff(ends[:, 1])[0] > 0.5 * np.ptp(outline[:, 1])
+        assert (ends[:, 0] > outline[:, 0].max() - 0.006).all()
+
+
+@pytest.mark.parametrize("rise", [0.15, pytest.param(0.2, marks=pytest.mark.slow)])
+def test_a_heel_rises_in_a_step_on_a_box(rise: float, g1: hqp.robots.Robot) -> None:
+    """The toe stays on its spot, the heel rises, and the ground's force acts between the toe and the other sole."""
+    found = retarget(step_up(rise, fps=120.0), g1, dynamics=True)
+    assert found.dynamics is not None
+    left, right = found.dynamics.toes.T
+    assert not left.any()
+    frames = np.flatnonzero(right)
+    assert len(frames) > 0.1 * found.fps
+    assert not found.dynamics.stands[frames[-1] + 1, 1]
+    tracker = _tracker(g1)
+    both = tracker.stacks.toes["right"], tracker.stacks.heels["right"]
+    ends = np.array([[end.value(state) for end in both] for state in (g1.state(found.q[i]) for i in frames)])
+    assert np.linalg.norm(ends[:, 0] - ends[0, 0], axis=1).max() < 5e-3
+    assert ends[-1, 1, 2] - ends[0, 1, 2] > 0.02
+    soles = supports_of(tracker, found.q, found.dynamics.stands, found.dynamics.toes, margin=False)
+    push = found.dynamics.acceleration + [0.0, 0.0, G]
+    before = [outside(soles[i], found.dynamics.com[i], push[i], np.zeros(2)) for i in frames]
+    assert np.mean(np.array(before) < 0.02) > 0.9
+
+
 @pytest.mark.parametrize("heading", [2.1, *(pytest.param(h, marks=pytest.mark.slow) for h in (0.0, 3.1, 4.4))])
 def test_one_who_stands_is_left_alone(heading: float, g1: hqp.robots.Robot) -> None:
     found = retarget(stand(0.4, heading), g1, dynamics=True)
@@ -218,12 +301,17 @@ def _tracker(robot: Any) -> Tracker:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_strength_of_a_leg_is_the_load_that_its_motors_hold(seed: int, g1: hqp.robots.Robot) -> None:
-    """By virtual work of each motor alone, at drawn angles: one of them is at its limit, none beyond."""
+    """By virtual work of each motor alone, at drawn angles, for a sole or a toe: one is at its limit, none beyond."""
+    toes = [bool(seed % 2), seed % 3 == 0]
     tracker, rng = _tracker(g1), np.random.default_rng(seed)
     angles = rng.uniform(np.maximum(g1.lower, -1.0), np.minimum(g1.upper, 1.0))
     q, soles = g1.configuration(angles), (_square(0.0, 0.1, 0.1), _square(0.0, -0.1, 0.1))
-    [found] = strong(tracker, [soles], q[None], np.ones((1, 2), dtype=bool))
-    ends = [(tracker.stacks.toes[side], tracker.stacks.heels[side]) for side in ("left", "right")]
+    [found] = strong(tracker, [soles], q[None], np.ones((1, 2), dtype=bool), np.array([toes]))
+    stacks = tracker.stacks
+    ends = [
+        (stacks.toes[side], (stacks.toes if toe else stacks.heels)[side])
+        for side, toe in zip(("left", "right"), toes, strict=True)
+    ]
     mass = sum(inertia.mass for inertia in g1.model.inertias)
     for sole, both in zip(found, ends, strict=True):
         used = []
@@ -241,7 +329,7 @@ def test_a_plan_leaves_the_ankle_room_for_a_push(g1: hqp.robots.Robot) -> None:
     """A push of 0.075 m/s moves the DCM by less than the way from any planned ZMP of one sole to the sole's edge."""
     tracker, one = _tracker(g1), np.array([[True, False], [False, True]])
     q = np.array([g1.home] * 2)
-    inner, whole = (supports_of(tracker, q, one, margin=margin) for margin in (True, False))
+    inner, whole = (supports_of(tracker, q, one, ~one & one, margin=margin) for margin in (True, False))
     height = float(g1.state(g1.home).com()[2])
     for [planned], [sole] in zip(inner, whole, strict=True):
         normals, offsets = sole.edges
@@ -310,8 +398,8 @@ def test_the_zmp_of_a_motion_is_that_of_its_ground_reaction(g1: hqp.robots.Robot
     times = np.arange(len(targets)) / fps
     q = np.array([g1.integrate(g1.home, swing * np.sin(2.0 * np.pi * t + phase), 1.0) for t in times])
     stands = np.ones((len(q), 2), dtype=bool)
-    measured = zmp_outside(tracker, q, stands)
-    supports = supports_of(tracker, q, stands, margin=False)
+    measured = zmp_outside(tracker, q, stands, ~stands)
+    supports = supports_of(tracker, q, stands, ~stands, margin=False)
     for i in range(30, len(q) - 30, 12):
         force, moment = _wrench(g1, q, i, fps)
         line = np.append(np.array([-moment[1], moment[0]]) / force[2], 0.0)  # the force's line meets the ground there
