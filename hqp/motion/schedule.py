@@ -190,14 +190,14 @@ def levelled(spots: Mat, leg: float) -> Vec:
 
 
 class _Foot:
-    """A foot of a schedule.
+    """A foot of a schedule.  It lifts and lands at rest beside a standing one, and in flight as the person's.
 
     spots: its places ``(n, 3)``, one for each stance, 0 high on the floor.
     """
 
     def __init__(self, targets: Targets, body: Body, side: str, schedule: Schedule, k: int) -> None:
-        self.mask, self.toes = schedule.stands[:, k], schedule.toes[:, k]
-        self._home = body.axes[f"{side}_sole"]
+        self.mask, self._beside, self.toes = schedule.stands[:, k], schedule.stands[:, 1 - k], schedule.toes[:, k]
+        self._home, self._fps = body.axes[f"{side}_sole"], targets.fps
         rest, ground = targets.contacts.resting[f"{side}_foot"], targets.contacts.ground[f"{side}_foot"]
         R = targets.axes[f"{side}_sole"] @ self._home.T
         self._yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
@@ -230,6 +230,8 @@ class _Foot:
             if first > 0 and last < frames:
                 s = (np.arange(first, last) - first + 1) / (last - first + 1)
                 straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
+                begin, end = (0.5 * LEAST[LEFT] * self._fps * self._beside[i] for i in (first, last - 1))
+                place[first:last] = from_rest(place[first - 1 : last + 1], begin, end)[1:-1]
                 place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
         yaw = self._yaw + turn
         R = turned(yaw, self._tilt)
@@ -239,3 +241,18 @@ class _Foot:
 def _rolled(R: Mat, yaw: Vec, pivot: Mat) -> Mat:
     """Shift of a sole that rolls about a pivot from flat to R ``(T, 3)`` [m]."""
     return np.asarray(np.einsum("tij,tj->ti", turned(yaw, np.zeros_like(yaw)) - R, pivot))
+
+
+def from_rest(path: Mat, begin: float, end: float) -> Mat:
+    """A path ``(n, 3)`` between its ends, at rest there, with its own steps but for some frames at each end.
+
+    An end with no such frames keeps its speed.
+    """
+    steps, k = np.diff(path, axis=0), np.arange(len(path) - 1) + 0.5
+    near = np.ones(len(steps))
+    for away, frames in ((k, begin), (len(k) - k, end)):
+        near = np.minimum(near, away / frames) if frames else near
+    share = (near * near * (3.0 - 2.0 * near))[:, None]
+    slow = share * steps
+    slow += share * (path[-1] - path[0] - slow.sum(axis=0)) / share.sum()
+    return np.vstack((path[:1], path[0] + np.cumsum(slow, axis=0)))

@@ -26,8 +26,11 @@ from hqp.motion.schedule import (
     LEFT,
     RIGHT,
     _cheapest,
+    from_rest,
+    grounded,
     heel_off,
     levelled,
+    schedule_of,
 )  # fmt: skip
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.stacks import Stacks
@@ -234,6 +237,40 @@ def test_heels_rise_before_a_sole_lifts(seed: int) -> None:
         on_toe = [bool(stands[b].all() and (edges[b, k] == 1).all()) for b in before]
         assert [bool(found[i - 1, k]) for i in lifts] == on_toe
     assert not (found & ~stands.all(axis=1, keepdims=True)).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_path_between_stances_begins_and_ends_at_rest(seed: int) -> None:
+    """Drawn paths that begin and end at speed keep their ends, and turn and scale with the motion."""
+    rng, n = np.random.default_rng(seed), int(np.random.default_rng(seed).integers(26, 120))
+    path = np.cumsum(rng.uniform(-0.005, 0.015, (n, 3)), axis=0)
+    found = from_rest(path, 12.0, 12.0)
+    np.testing.assert_allclose(found[[0, -1]], path[[0, -1]], atol=1e-12)
+    steps, most = np.linalg.norm(np.diff(found, axis=0), axis=1), np.linalg.norm(np.diff(path, axis=0), axis=1).max()
+    assert (steps[[0, -1]] < 0.02 * most).all()
+    assert np.abs(np.diff(found, n=2, axis=0)).max() < 1.5 * np.abs(np.diff(path, n=2, axis=0)).max()
+    one = np.linalg.norm(np.diff(from_rest(path, 12.0, 0.0), axis=0), axis=1)
+    assert one[0] < 0.02 * most < one[-1]
+    R = 2.0 * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(from_rest(path @ R, 12.0, 12.0), found @ R, atol=1e-12)
+
+
+def test_feet_lift_and_land_at_rest(g1: hqp.robots.Robot) -> None:
+    """A walking person's feet are at 0.3 m/s and more when the schedule's swings begin and end."""
+    found, motion = find_map(None, g1), walk(2.0, speed=0.8, fps=120.0)
+    body = Body.of(g1, found)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    schedule = schedule_of(targets, body)
+    placed, swings = grounded(targets, body, schedule), 0
+    for side, stands in zip(("left", "right"), schedule.stands.T, strict=True):
+        before, after = (
+            np.linalg.norm(np.diff(t.places[f"{side}_sole"], axis=0), axis=1) * t.fps for t in (targets, placed)
+        )
+        for first, last in runs(~stands):
+            if first > 0 and last < len(stands):
+                swings += 1
+                assert max(after[first - 1], after[last - 1]) < 0.03 * before[first:last].max()
+    assert swings > 1
 
 
 @pytest.mark.parametrize("seed", range(5))
