@@ -18,7 +18,7 @@ from hqp.motion.dynamics import Dynamics, front
 from hqp.motion.rates import velocities
 from hqp.motion.smoothing import filtered
 from hqp.motion.targets import Targets
-from hqp.tasks import CenterOfPressure, Com, ContactForce, EdgeContact, FrictionCone, Orientation
+from hqp.tasks import CenterOfPressure, CollisionAvoidance, Com, ContactForce, EdgeContact, FrictionCone, Orientation
 from hqp.torque.program import Torque
 from hqp.walking.feet import Foot, feet_of
 from hqp.walking.footsteps import rotation
@@ -83,7 +83,7 @@ class Carrying(Tracking):
         self.load, self.lift, self.rises = robot.mass * gravity, gravity, float(self.rate[0, 2])
 
     def _stack(self) -> Stack:
-        """The walker's stack with the CoM for the balance, and a phase for each foot on its toe."""
+        """The walker's stack with the CoM for the balance, links apart, and a phase for each foot on its toe."""
         stacks = self.stacks
         within: list[Any] = list(stacks.stack.subject_to)
         self.loads, self.heels = [], []
@@ -102,6 +102,7 @@ class Carrying(Tracking):
         rest = []
         if stacks.posture is not None:
             rest = [Level(stacks.posture, name="posture")]
+            within.append(CollisionAvoidance(joints=stacks.posture.joints))
         body = Level(*stacks.swing, *self.heels, self.balance, stacks.height, stacks.trunk, name="body", price=HASTE)
         shares = Level(stacks.share, *self.loads, name="share")
         return Stack(Level(stacks.knees, name="knees"), body, *rest, shares, subject_to=within)
