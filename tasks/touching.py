@@ -286,7 +286,7 @@ class _Drawn:
         far, gaps = self._gaps.setdefault(
             (own, hull), (least / KEPT, np.full(len(self._poses(hull, slice(None))[0]), np.nan))
         )
-        if far < least / KEPT:  # measured once for the largest distance that is asked for, which is usually the first
+        if far < least / KEPT:  # measured once for the largest distance, usually the first
             gaps[gaps > far] = np.nan
             self._gaps[own, hull] = least / KEPT, gaps
         wanted = np.arange(len(gaps)) if draws is None else draws
