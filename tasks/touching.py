@@ -172,7 +172,7 @@ def closer(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]) -
 
 
 def _named(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], places: Places) -> Judged:
-    """As ``closer``, for the places of bodies at home."""
+    """Judge pairs of capsules at home, where bodies have the given places."""
     drawn = _Drawn(capsules, places, None)
     links: dict[Pair, list[Pair]] = defaultdict(list)
     for i, j in pairs:

@@ -267,9 +267,9 @@ class UpperBodySession:
             p = p_b + R p_place,  v = R (v_b + omega_b x p_place + v_place),  omega = R (omega_b + omega_place).
 
         R: axes of the base's heading.  place: homogeneous matrix ``(4, 4)`` in these axes, from the base's origin.
-        velocity ``(6,)``: of the place, in these axes [m/s, rad/s], zero for None.  base ``(6,)``: [v_b; omega_b] in
-        these axes as its controller plans it, such as the command of a walk, zero for None; hands that follow the
-        measured one add to every sway.  An invalid state keeps the hold value.
+        velocity ``(6,)``: [v_place; omega_place] in these axes [m/s, rad/s], zero for None.  base ``(6,)``:
+        [v_b; omega_b] in these axes, zero for None.  Take the velocity that the controller of the base plans, such as
+        the command of a walk: the measured one lets hands add to every sway.  An invalid state keeps the hold value.
         """
         if not state.valid:
             return Reference(hand.name)

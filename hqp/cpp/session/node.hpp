@@ -118,8 +118,8 @@ class Node : public PlanOf<Node> {
   const Memory* memory_;
 };
 
-// Make a thing of a part of the plan that a session's owner has added; throws PlanError if there is none or an
-// inconsistent one.  by: the call that writes it.
+// Make a thing of a part of the plan that a session's owner has added.  by: the call that writes the part.  Throws
+// PlanError if the plan lacks the part or the part is inconsistent.
 template <class Make>
 auto of_part(const std::shared_ptr<const Plan>& plan, const Memory& memory, const std::string& part, const char* by,
              const Make& make) {

@@ -1,4 +1,4 @@
-// Rates without their noise: those to which the last command leads, corrected by a share of the measured ones.
+// Rates without their noise: measured rates correct the rates that the last command leads to by a share.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +11,8 @@ namespace hqp {
 
 class RateObserver {
  public:
-  // columns: of the rates that are noisy; keeps: share of an expectation in the estimate, 0 for rates as measured;
-  // most: its largest difference from them.
+  // columns: the noisy rates; keeps: share of an expectation in the estimate, 0 for rates as measured; most: largest
+  // difference between estimated and measured rates.
   RateObserver(std::vector<std::size_t> columns, double keeps, double most = std::numeric_limits<double>::infinity())
       : columns_(std::move(columns)), keeps_(keeps), most_(most), expected_(columns_.size()) {}
 
