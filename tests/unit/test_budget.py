@@ -59,12 +59,12 @@ def test_the_margin_has_its_limits() -> None:
 
 def test_a_session_keeps_back_what_follows_the_solver() -> None:
     robot = hqp.robots.load("g1")
-    run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=2e-4).session(robot, 0.002)
+    run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=1e-5).session(robot, 0.002)
     late = 0
     for _ in range(100):
         late += run.step(robot.state()).status is Status.TIME_LIMIT
-    assert late > 50
-    assert run.line.native.margin != FIRST * 2e-4  # it has adapted to late ticks
+    assert late > 90  # no machine reads the state in 10 us
+    assert run.line.native.margin != FIRST * 1e-5  # it has adapted to late ticks
     exact = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=math.inf).session(robot, 0.002)
     for _ in range(3):
         assert exact.step(robot.state()).status is not Status.TIME_LIMIT
