@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Vec, cross
 from hqp.declare.element import Element
 from hqp.declare.law import PD, P
 from hqp.declare.reference import Reference
@@ -26,6 +26,7 @@ from hqp.tasks import (
     CollisionAvoidance,
     Com,
     JointLimits,
+    JointLoad,
     Orientation,
     Payload,
     Pose,
@@ -40,6 +41,7 @@ from hqp.tasks.collision_pairs import candidates
 from hqp.tasks.pose import homogeneous
 from hqp.tasks.relative import View
 from hqp.torque import Torque
+from hqp.torque.joint_friction import JointFriction
 
 Output = Literal["positions", "velocities", "torques"]
 
@@ -61,7 +63,8 @@ class UpperBody:
     of ``Torque`` on measured joints; "positions" are targets of servos with kp [N m/rad] and kd [N m s/rad], whose
     torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
     joint_speed: largest of the joints [rad/s], at most their limits.
-    With torques base and legs keep their acceleration, by ``Acceleration`` unless a reference of ``legs`` has one.
+    With torques base and legs keep their acceleration, by ``Acceleration`` unless a reference of ``legs`` has one, and
+    the friction that the robot's file has in its joints is overcome (``JointFriction``).
     Payloads: ``step`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 
@@ -112,9 +115,11 @@ class UpperBody:
     def controller(self, robot: Robot, *, deadline: float | None = None) -> Controller:
         """Its stack, whose hands have a Position above their Pose.
 
-        Names: ``legs``, ``support``, ``balance``, ``place 0``, ``hand 0``, ..., ``trunk``, ``posture``, ``load 0``.
+        Names: ``legs``, ``support``, ``balance``, ``place 0``, ``hand 0``, ..., ``trunk``, ``posture``, ``load 0``,
+        ``friction``.
         """
         joints, torque = self.joints(robot), self.output != "velocities"
+        columns = robot.joints(joints)
         frames = tuple(self.hands) if self.hands is not None else tuple(robot.landmarks.get("palms", ()))
         if not frames:
             raise DeclarationError("UpperBody", "hands", value=self.hands, allowed="frames; the robot names no palms")
@@ -141,6 +146,7 @@ class UpperBody:
             *((TorqueLimits(),) if torque else ()),
             *self._apart(robot, joints),
             *(Payload(frame=f, name=f"load {k}") for k, f in enumerate(frames)),
+            *((JointLoad(joints=joints, name="friction"),) if torque and JointFriction.of(robot, columns) else ()),
         ]
         return Controller(
             Stack(*levels, subject_to=subject_to), Torque(holding=None) if torque else Velocity(), deadline=deadline
@@ -221,6 +227,9 @@ class UpperBodySession:
         self._acceleration, self._still = Acceleration(moved, session.dt), np.zeros(moved.size)
         self._support: Any = stack.find("support") if "support" in stack else None
         self._feet = {} if self._support is None else declared.feet(self.robot)
+        self._friction = JointFriction.of(self.robot, self.columns)
+        self._rubbing: Any = stack.find("friction") if "friction" in stack else None
+        self._planned: Vec = np.zeros(self.columns.size)
         self._sent: tuple[Vec, Vec] | None = None
         self._home: Vec = self.robot.state(self.robot.home).angles[self.columns].copy()
 
@@ -242,8 +251,10 @@ class UpperBodySession:
         torque = self.declared.output != "velocities"
         if not torque:
             state = self._commanded(state)
-        elif all(r.name != "legs" for r in references):
-            given.append(Reference("legs", self._still, None, self._acceleration.update(state)))
+        else:
+            if all(r.name != "legs" for r in references):
+                given.append(Reference("legs", self._still, None, self._acceleration.update(state)))
+            given += self._rubbed(state)
         tick = self.session.step(state, *given, now=now)
         if tick.refused:
             angles, _ = self._last(state)
@@ -253,6 +264,7 @@ class UpperBodySession:
             q, v = tick.advance()
             angles, v = self.robot.state(q, v).angles[self.columns], v[self.columns]
         self._sent = (angles, v)
+        self._planned = np.zeros(v.size) if tick.refused else (v - state.v[self.columns]) / self.session.dt
         if not torque:
             return UpperBodyTick(angles, v, None, tick)
         tau = tick.command[self._motors]
@@ -276,7 +288,7 @@ class UpperBodySession:
         view = View(state, self._base, heading=self.robot.floating)
         rate = np.zeros(6) if velocity is None else np.array(velocity, float)
         if base is not None:
-            rate += np.concatenate((base[:3] + np.cross(base[3:], place[:3, 3]), base[3:]))
+            rate += np.concatenate((base[:3] + cross(base[3:], place[:3, 3]), base[3:]))
         goal = homogeneous(view.origin + view.rotation @ place[:3, 3], view.rotation @ place[:3, :3])
         return hand.at(goal, velocity=(rate.reshape(2, 3) @ view.rotation.T).ravel())
 
@@ -290,6 +302,12 @@ class UpperBodySession:
         if standing is not None and not standing:
             return [self._support.off()]
         return [self._support.at(polygon(state, self._feet, standing))]
+
+    def _rubbed(self, state: State) -> list[Reference]:
+        """Reference of the friction that the torques overcome, at the rates that the last tick planned."""
+        if self._rubbing is None or not state.valid:
+            return []
+        return [self._rubbing.at(-self._friction.torque(state.v[self.columns], self._planned))]
 
     def _commanded(self, state: State) -> State:
         """The measured state with the controlled joints as last commanded; at first as measured, at rest."""
@@ -312,6 +330,7 @@ class UpperBodySession:
     def begin(self) -> None:
         """Hand over at the next tick: the first command continues from the measured joints."""
         self._sent = None
+        self._planned = np.zeros(self.columns.size)
         self._acceleration.begin()
 
 

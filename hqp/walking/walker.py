@@ -24,6 +24,7 @@ from hqp.loop.controller import Controller
 from hqp.loop.file import write
 from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits
+from hqp.torque.joint_friction import JointFriction
 from hqp.torque.program import Torque
 from hqp.walking.feet import feet_of
 from hqp.walking.footsteps import Command, Foothold, Footsteps
@@ -329,17 +330,9 @@ class Walker:
 
 
 def _friction(robot: Any) -> list[dict[str, Any]]:
-    """Viscous [N m s/rad] and dry friction [N m] that motors overcome: the file's, less the share that dry friction has
-    of the largest torque, as a motor that friction holds alone would only push its joint from limit to limit.
-    """
-    viscous = np.ravel(robot.model.damping)
-    dry = np.ravel(getattr(robot.model, "friction", np.zeros(robot.nv)))
+    """Friction of the joints by motor, ``JointFriction``, without joints that have none."""
     columns = np.arange(robot.nv)[robot.actuated]
-    limits = robot.effort_limit[columns]
-    held = np.divide(dry[columns], limits, out=np.zeros(columns.size), where=limits > 0.0)
-    parts = np.maximum(1.0 - held, 0.0)
-    return [
-        {"motor": i, "column": int(c), "viscous": float(part * viscous[c]), "dry": float(part * dry[c])}
-        for i, (c, part) in enumerate(zip(columns, parts, strict=True))
-        if part * (viscous[c] + dry[c])
-    ]
+    found = JointFriction.of(robot, columns)
+    parts = zip(columns.tolist(), found.viscous.tolist(), found.dry.tolist(), strict=True)
+    rows = ({"motor": i, "column": c, "viscous": d, "dry": f} for i, (c, d, f) in enumerate(parts))
+    return [row for row in rows if row["viscous"] + row["dry"]]
