@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-import os
 import re
-import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hqp import user_cache
 from hqp.errors import ModelWarning
 from hqp.shapes import LinkCapsule
 
@@ -23,18 +21,6 @@ from .surface import Surface
 
 FIT = 2
 """Version of the fit: another one makes other capsules of the same shapes."""
-
-
-def folder() -> Path:
-    """``hqp/capsules`` in XDG_CACHE_HOME or in the platform's folder of caches; it can be deleted at any time."""
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(given):
-        base = Path(given)
-    elif sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    else:
-        base = Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-    return base / "hqp" / "capsules"
 
 
 def around(robot: Any) -> tuple[LinkCapsule, ...]:
@@ -66,7 +52,7 @@ def _fitted(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, .
     found = capsules.fit_surfaces(robot, surfaces)
     if path is not None:
         try:
-            _write(path, found)
+            user_cache.write(path, [[c.name, c.body, list(c.a), list(c.b), c.radius] for c in found])
         except OSError as error:
             message = f"{robot.name}: its capsules cannot be cached and are fitted at every start: {error}"
             warnings.warn(message, ModelWarning, stacklevel=4)
@@ -74,7 +60,7 @@ def _fitted(robot: Any, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, .
 
 
 def _path(robot: Any, surfaces: Mapping[int, Surface]) -> Path | None:
-    """A file by the hash of all that the capsules are fitted to; None where there is no home."""
+    """A file by the hash of all that the capsules are fitted to; None if the user has no home."""
     digest = hashlib.sha256(f"{FIT} {capsules.NEAR} {capsules.SHARE} {capsules.TIGHT} {capsules.MOST}".encode())
     for joint, part in sorted(surfaces.items()):
         digest.update(f"\0{joint} {capsules.link_name(robot, joint)} {part.triangles.shape}".encode())
@@ -82,38 +68,18 @@ def _path(robot: Any, surfaces: Mapping[int, Surface]) -> Path | None:
             digest.update(np.ascontiguousarray(numbers, dtype="<f8").tobytes())
     name = re.sub(r"[^\w.-]", "_", robot.name)[:60]
     try:
-        return folder() / f"{name}-{digest.hexdigest()[:24]}.json"
+        return user_cache.folder("capsules") / f"{name}-{digest.hexdigest()[:24]}.json"
     except RuntimeError:
         return None
 
 
 def _read(path: Path, surfaces: Mapping[int, Surface]) -> tuple[LinkCapsule, ...] | None:
-    """Content of a file; None where it is not there, or not as it was written."""
+    """Content of a file; None if it is missing, or not as it was written."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        rows = data["capsules"]
-        if data["sha256"] != _checksum(path, rows):
-            return None
+        rows = user_cache.read(path) or ()
         found = tuple(LinkCapsule(name, body, tuple(a), tuple(b), radius, True) for name, body, a, b, radius in rows)
         numbers = [x for c in found for x in (*c.a, *c.b, c.radius)]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        fits = {c.body for c in found} == set(surfaces) and all(len(c.a) == len(c.b) == 3 for c in found)
+        return found if fits and all(map(math.isfinite, numbers)) else None
+    except (ValueError, TypeError):
         return None
-    fits = {c.body for c in found} == set(surfaces) and all(len(c.a) == len(c.b) == 3 for c in found)
-    return found if fits and all(map(math.isfinite, numbers)) else None
-
-
-def _write(path: Path, found: Sequence[LinkCapsule]) -> None:
-    """Beside it, then renamed: another program reads all of it or nothing."""
-    rows = [[c.name, c.body, list(c.a), list(c.b), c.radius] for c in found]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_text(json.dumps({"sha256": _checksum(path, rows), "capsules": rows}), encoding="utf-8")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def _checksum(path: Path, rows: object) -> str:
-    """Checksum of the capsules and of the model that they belong to, which is in the file's name."""
-    return hashlib.sha256(f"{path.name}\n{json.dumps(rows)}".encode()).hexdigest()

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
+import re
 from collections import defaultdict
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hqp import user_cache
 from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.shapes import LinkCapsule, LinkHull
@@ -90,10 +94,56 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     if not apart:
         return Judged([], (), [], [])
     bodies = sorted(set(body))
-    return _remembered(
-        (_digest(_drawn(robot.copy(), bodies, 1)), capsules, tuple(apart), clearance),
-        lambda: _judged(robot, capsules, apart, clearance, _drawn(robot.copy(), bodies, DRAWS)),
-    )
+    key = _digest(_drawn(robot.copy(), bodies, 1)), capsules, tuple(apart), clearance
+
+    def judge() -> Judged:
+        shapes = robot.contacts() if any(c.fitted for c in capsules) else None
+        path = _path(robot, (*key, shapes.digest() if shapes else b"", user_cache.sources()))
+        found = _read(path)
+        if found is None:
+            found = _judged(shapes, capsules, apart, clearance, _drawn(robot.copy(), bodies, DRAWS))
+            _write(path, found)
+        return found
+
+    return _remembered(key, judge)
+
+
+def _path(robot: Robot, key: Key) -> Path | None:
+    """A file by the robot's name and by all inputs of its pairs; None if the user has no home."""
+    name = re.sub(r"[^\w.-]", "_", robot.name)[:60]
+    try:
+        return user_cache.folder("pairs") / f"{name}-{hashlib.sha256(repr(key).encode()).hexdigest()[:24]}.json"
+    except RuntimeError:
+        return None
+
+
+def _read(path: Path | None) -> Judged | None:
+    """The pairs that an earlier process has judged."""
+    found: Any = user_cache.read(path) if path else None
+    try:
+        pairs, hulls, closer, unseparated, edges, lowered = found
+        return Judged(
+            [(i, j) for i, j in pairs],
+            tuple(LinkHull(n, b, _tuples(c), _tuples(t), r) for n, b, c, t, r in hulls),
+            [(i, j) for i, j in closer],
+            [(i, j) for i, j in unseparated],
+            tuple(LinkCapsule(n, b, tuple(a), tuple(e), r, f) for n, b, a, e, r, f in edges),
+            {(i, j): least for i, j, least in lowered},
+        )
+    except (TypeError, ValueError):
+        return None
+
+
+def _tuples(rows: list[list[Any]]) -> tuple[Any, ...]:
+    return tuple(map(tuple, rows))
+
+
+def _write(path: Path | None, found: Judged) -> None:
+    """Keep the pairs for later processes, if the user's cache can be written."""
+    lowered = [[*bodies, least] for bodies, least in found.lowered.items()]
+    with contextlib.suppress(OSError):
+        if path:
+            user_cache.write(path, [*found[:5], lowered])
 
 
 def _digest(places: Places) -> bytes:
@@ -133,9 +183,8 @@ def _drawn(robot: Robot, bodies: list[int], draws: int) -> Places:
 
 
 def _judged(
-    robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float, places: Places
+    shapes: Any, capsules: tuple[LinkCapsule, ...], pairs: list[Pair], clearance: float, places: Places
 ) -> Judged:
-    shapes = robot.contacts() if any(c.fitted for c in capsules) else None
     drawn = _Drawn(capsules, places, shapes)
     links: dict[Pair, list[Pair]] = defaultdict(list)
     for i, j in pairs:

@@ -11,7 +11,7 @@ import platform
 from dataclasses import dataclass
 from pathlib import Path
 
-from hqp import native
+from hqp import native, user_cache
 
 REQUIRED = ("numpy", "scipy", "pin")
 
@@ -81,7 +81,9 @@ def findings(contributor: bool = False) -> list[Finding]:
         version = version_of(name)
         found.append(Finding(name, version or "missing", "" if version else f"pip install {name}"))
     found += [_extra(*extra) for extra in (EXTRAS | CONTRIBUTORS if contributor else EXTRAS).items()]
-    found.append(Finding("fitted capsules", _capsules()))
+    found += [
+        Finding(title, _cached(part)) for title, part in (("fitted capsules", "capsules"), ("pairs of links", "pairs"))
+    ]
     return found
 
 
@@ -91,14 +93,12 @@ def _extra(extra: str, packages: tuple[str, ...]) -> Finding:
     return Finding(f"hqp[{extra}]", text, "" if all(versions.values()) else f"pip install 'hqp[{extra}]'")
 
 
-def _capsules() -> str:
-    """The folder where they are kept, and how many robots' there are."""
+def _cached(part: str) -> str:
+    """A folder of the user's cache, and its number of files."""
     try:
-        from hqp.robots import capsule_cache
-
-        folder = capsule_cache.folder()
-        return f"{folder}, {len(list(folder.glob('*.json')))} files; delete it to fit them again"
-    except (ImportError, RuntimeError, OSError) as error:
+        folder = user_cache.folder(part)
+        return f"{folder}, {len(list(folder.glob('*.json')))} files; delete it to compute them again"
+    except (RuntimeError, OSError) as error:
         return f"unknown: {error}"
 
 

@@ -22,7 +22,7 @@ ROBOTS = sorted((ROOT / "robots").rglob("*.py"))
 BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadprog"}
 
 FLOORS = (
-    {"errors", "markdown", "progress", "tolerances"},
+    {"errors", "markdown", "progress", "tolerances", "user_cache"},
     {"arrays", "collision_library", "native", "sweep", "web"},
     {"angles", "dlpack", "floating_base", "problem", "shapes"},
     {"solvers", "state_map"},

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import hqp.robots
+from hqp import user_cache
 from hqp.errors import ModelWarning
-from hqp.robots import capsule_cache, capsules
+from hqp.robots import capsules
 from tests.damage.kinds import HAND
 
 pytest.importorskip("mujoco")
@@ -85,12 +86,12 @@ def test_a_damaged_file_is_fitted_anew(tmp_path: Path, fits: list[int], damage: 
         first = load(tmp_path).capsules
     path = kept(tmp_path)
     content = path.read_text()
-    rows = json.loads(content)["capsules"]
+    rows = json.loads(content)["content"]
     if damage == "other":  # intact, but of another robot
-        path.write_text(json.dumps({"sha256": capsule_cache._checksum(Path("other"), rows), "capsules": rows}))
+        path.write_text(json.dumps({"sha256": user_cache._checksum(Path("other"), rows), "content": rows}))
     elif damage == "nan":
         rows[0][4] = float("nan")
-        path.write_text(json.dumps({"sha256": capsule_cache._checksum(path, rows), "capsules": rows}))
+        path.write_text(json.dumps({"sha256": user_cache._checksum(path, rows), "content": rows}))
     else:
         at = content.rindex(str(rows[0][4])) if damage == "digit" else 0
         digit = content[:at] + "9" + content[at + 1 :]
@@ -112,9 +113,9 @@ def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path, fits: list[int])
 
 def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert capsule_cache.folder() == tmp_path / "hqp" / "capsules"
+    assert user_cache.folder("capsules") == tmp_path / "hqp" / "capsules"
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # its specification ignores relative paths
     monkeypatch.setattr(sys, "platform", "linux")
-    assert capsule_cache.folder() == Path.home() / ".cache" / "hqp" / "capsules"
+    assert user_cache.folder("capsules") == Path.home() / ".cache" / "hqp" / "capsules"
     monkeypatch.setattr(sys, "platform", "darwin")
-    assert capsule_cache.folder() == Path.home() / "Library" / "Caches" / "hqp" / "capsules"
+    assert user_cache.folder("capsules") == Path.home() / "Library" / "Caches" / "hqp" / "capsules"
