@@ -433,6 +433,7 @@ class Walker:
     NOISE: float
     state: WalkState
     why: list[str]
+    ahead: list[_Place]
     stands: bool
     support: str
     stopping_time: float
@@ -449,6 +450,9 @@ class Walker:
     def __init__(self, tree: object) -> None: ...
     def go(self, velocity: _Velocity) -> None:
         """Walk at the nearest velocity that steps follow."""
+
+    def follow(self, footholds: Sequence[_Place]) -> None:
+        """Step on footholds in turn."""
 
     def refuse(self, reason: str) -> None:
         """Stand, because the session is stopped."""
@@ -567,6 +571,9 @@ class Walkers:
 
     def go(self, world: int, forward: float, left: float, turn: float) -> None:
         """Walk at the nearest velocity that steps follow."""
+
+    def follow(self, world: int, footholds: Sequence[_Place]) -> None:
+        """Step on footholds in turn."""
 
     def stop(self, world: int) -> None:
         """Come to stand."""

@@ -15,10 +15,11 @@
 
 #include "mujoco_map.hpp"
 
-constexpr long kGo = 250, kStop = 1750, kTicks = 3000;
+constexpr long kFollow = 250, kGo = 1000, kStop = 1750, kTicks = 3000;
 
 // Command the walk of walking.py.
 void ask(hqp::WalkingSession& walker, long tick) {
+  if (tick == kFollow) walker.follow({{hqp::kLeft, 0.15, 0.12}, {hqp::kRight, 0.3, -0.12}, {hqp::kLeft, 0.45, 0.12}});
   if (tick == kGo) walker.go(0.3, 0.0, 0.1);
   if (tick == kStop) walker.stop();
 }

@@ -10,7 +10,7 @@ import numpy as np
 
 import hqp
 from hqp.robots import Plant
-from hqp.walking import Walker
+from hqp.walking import LEFT, RIGHT, Foothold, Walker
 
 folder = Path(sys.argv[1])
 robot = hqp.robots.load("g1", rotors=True)
@@ -23,6 +23,8 @@ q, v = plant.reset(walker.start)
 with (folder / "walking.ticks").open("wb") as file:
     for k in range(3000):
         if k == 250:
+            walker.follow([Foothold(LEFT, 0.15, 0.12), Foothold(RIGHT, 0.3, -0.12), Foothold(LEFT, 0.45, 0.12)])
+        if k == 1000:
             walker.go(0.3, 0.0, 0.1)
         if k == 1750:
             walker.stop()

@@ -2,7 +2,7 @@
 
 from hqp.walking.adjustment import Landing, adjust
 from hqp.walking.bound import largest_push
-from hqp.walking.footsteps import Command, Foothold, Footsteps
+from hqp.walking.footsteps import LEFT, RIGHT, Command, Foothold, Footsteps
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
 from hqp.walking.plan import Walk
@@ -13,6 +13,8 @@ from hqp.walking.walker import Walker
 from hqp.walking.walkers import Walkers
 
 __all__ = [
+    "LEFT",
+    "RIGHT",
     "Command",
     "DcmPlan",
     "Foothold",

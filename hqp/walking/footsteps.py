@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -80,6 +81,17 @@ class Footsteps:
     def within(self, foothold: Foothold, stance: Foothold) -> Foothold:
         """The foothold, or the nearest one within reach of the stance foot."""
         return Foothold(*_session.within_reach(astuple(self.reach), astuple(foothold), astuple(stance)))
+
+
+def routed(footholds: Sequence[Foothold]) -> list[tuple[int, float, float, float, float]]:
+    """Numbers of footholds that are LEFT and RIGHT in turn, and finite; raises DeclarationError for others."""
+    for k, one in enumerate(footholds):
+        if one.side not in (LEFT, RIGHT) or (k and one.side == footholds[k - 1].side):
+            sides = [each.side for each in footholds]
+            raise DeclarationError("follow", "bad side", value=sides, allowed="LEFT (0) and RIGHT (1) in turn")
+        for field in ("x", "y", "z", "yaw"):
+            check("follow", field, getattr(one, field), -math.inf)
+    return [(one.side, float(one.x), float(one.y), float(one.z), float(one.yaw)) for one in footholds]
 
 
 def rotation(yaw: float) -> Mat:

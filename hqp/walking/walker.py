@@ -27,7 +27,7 @@ from hqp.tasks import JointLimits
 from hqp.torque.joint_friction import JointFriction
 from hqp.torque.program import Torque
 from hqp.walking.feet import feet_of
-from hqp.walking.footsteps import Command, Foothold, Footsteps
+from hqp.walking.footsteps import Command, Foothold, Footsteps, routed
 from hqp.walking.gait import Gait, Reach, check
 from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
@@ -165,7 +165,7 @@ class Walker:
 
     @property
     def walking(self) -> bool:
-        """True from ``go`` to ``stop``."""
+        """True from ``go`` to ``stop``, from ``follow`` to its last foothold."""
         return self._state.walking
 
     @property
@@ -174,8 +174,13 @@ class Walker:
         return Command(*self._state.command)
 
     @property
+    def ahead(self) -> tuple[Foothold, ...]:
+        """Footholds of the latest ``follow`` that no foot has left for yet, as they will be stepped on."""
+        return tuple(Foothold(*one) for one in self._native.ahead)
+
+    @property
     def why(self) -> tuple[str, ...]:
-        """Reasons for each difference of ``command`` from the latest ``go``."""
+        """Reasons for each difference from the latest ``go`` or ``follow``."""
         return tuple(self._native.why)
 
     @property
@@ -234,10 +239,26 @@ class Walker:
         The velocity changes by a bounded amount from step to step.  ``command`` is the nearest velocity that steps can
         follow, ``why`` has the reasons.  A session that is stopped stands.
         """
+        command = astuple(Command(forward, left, turn))
         if why := self.session.stopping or self.session.stopped:
             self._native.refuse(why)
         else:
-            self._native.go(astuple(Command(forward, left, turn)))
+            self._native.go(command)
+
+    def follow(self, footholds: Sequence[Foothold]) -> None:
+        """Step on footholds in the world, LEFT and RIGHT in turn, then stand on the last two.
+
+        Steps take the gait's time.  A foothold out of reach of the one before gives way to the nearest within reach,
+        0.8 of ``Reach.forward`` ahead, as does one above or below it by more than the CoM follows in a step,
+        0.05 ``height`` in a second; ``why`` has the reasons, ``ahead`` the footholds that are left.  If the other foot
+        has to go first, it steps in place.  A push moves footholds, the next ones stay.  A session that is stopped
+        stands.  Raises DeclarationError for two of one foot in turn, and for numbers that are not finite.
+        """
+        wanted = routed(footholds)
+        if why := self.session.stopping or self.session.stopped:
+            self._native.refuse(why)
+        else:
+            self._native.follow(wanted)
 
     def stop(self) -> None:
         """Come to stand with the feet side by side, over as many steps as it takes."""
@@ -254,12 +275,16 @@ class Walker:
         return self._native.stopping_time
 
     def plan(self, seconds: float, fps: float = 50.0) -> Walk:
-        """A reference motion: the walk at the velocity of ``go`` from ``start``, by the model alone, and a stop.
+        """A reference motion: the walk at the velocity of ``go`` or over ``ahead`` from ``start``, and a stop.
+
+        The model alone moves.
 
         Frames fps [1/s] apart; ``save(path)`` writes them.  This walker stays as it is.  Raises DeclarationError.
         """
         twin = Walker(self.robot.copy(), bandwidth=math.inf, deadline=math.inf, **self._declared)
-        if self.walking:
+        if self.ahead:
+            twin.follow(self.ahead)
+        elif self.walking:
             twin.go(*astuple(self.command))
         return predict(twin, seconds, fps)
 

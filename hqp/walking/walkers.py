@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.export.batch import BatchTick, check_counts, chosen_worlds
 from hqp.loop.file import key_bytes, text
-from hqp.walking.footsteps import Command
+from hqp.walking.footsteps import Command, Foothold, routed
 from hqp.walking.walker import PHASES, Walker
 
 
@@ -62,6 +63,15 @@ class Walkers:
         commands = [Command(*map(float, velocity)) for velocity in zip(*each, strict=True)]
         for world, command in zip(chosen, commands, strict=True):
             self._native.go(world, command.forward, command.left, command.turn)
+
+    def follow(self, footholds: Sequence[Foothold], worlds: ArrayLike | None = None) -> None:
+        """Step on footholds, see ``Walker.follow``, those of all chosen worlds; worlds as of ``go``.
+
+        Raises DeclarationError for an unknown world and as ``Walker.follow``.
+        """
+        wanted = routed(footholds)
+        for world in self._chosen(worlds):
+            self._native.follow(world, wanted)
 
     def stop(self, worlds: ArrayLike | None = None) -> None:
         """Come to stand, see ``Walker.stop``; worlds and errors as of ``go``."""
@@ -123,7 +133,7 @@ class Walkers:
         return Counters(*self._native.counters)
 
     def why(self, world: int) -> tuple[str, ...]:
-        """Reasons for each difference of a world's command from its latest ``go``."""
+        """Reasons for each difference of a world's command from its latest ``go`` or ``follow``."""
         (chosen,) = self._chosen(world)
         return tuple(self._native.why(chosen))
 

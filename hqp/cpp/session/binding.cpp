@@ -225,6 +225,7 @@ class Worlds : public WorldsOf<hqp::Batch> {
 class WalkingWorlds : public WorldsOf<hqp::Walkers> {
  public:
   using WorldsOf::WorldsOf;
+  using Place = std::tuple<int, double, double, double, double>;  // side, x, y, z, yaw
 
   void step(const Table& q, const Table& v, const std::optional<Table>& loads, const OutTable& commands,
             const Statuses& status, const OutTable& residuals, const OutTable& x) {
@@ -234,6 +235,11 @@ class WalkingWorlds : public WorldsOf<hqp::Walkers> {
                {status.data(), residuals.data(), x.data()});
   }
   void go(std::size_t i, double forward, double left, double turn) { many_.go(checked(i), {forward, left, turn}); }
+  void follow(std::size_t i, const std::vector<Place>& wanted) {
+    std::vector<hqp::Foothold> found;
+    for (const auto& [side, x, y, z, yaw] : wanted) found.push_back({side, x, y, z, yaw});
+    many_.follow(checked(i), found);
+  }
   void stop(std::size_t i) { many_.stop(checked(i)); }
   void halt(std::size_t i, const std::string& reason) { many_.halt(checked(i), reason); }
   void resume(std::size_t i) { many_.resume(checked(i)); }
@@ -342,6 +348,7 @@ NB_MODULE(_session, module) {
       .def("step", &WalkingWorlds::step, "q"_a, "v"_a, "loads"_a.none(), "commands"_a.noconvert(),
            "status"_a.noconvert(), "residuals"_a.noconvert(), "x"_a.noconvert())
       .def("go", &WalkingWorlds::go, "world"_a, "forward"_a, "left"_a, "turn"_a)
+      .def("follow", &WalkingWorlds::follow, "world"_a, "footholds"_a)
       .def("stop", &WalkingWorlds::stop, "world"_a)
       .def("halt", &WalkingWorlds::halt, "world"_a, "reason"_a)
       .def("resume", &WalkingWorlds::resume, "world"_a)

@@ -210,6 +210,13 @@ class Walk {
     }
     return steered.step(*walker, *stacks, q, v, loads, facts, command.data());
   }
+  // Give the walker an order, unless the session is stopped.
+  template <class Order>
+  void order(const Order& order) {
+    const char* halted = stacks->shared().halt().why();
+    if (halted || !stopping.empty()) walker->refuse(halted ? halted : stopping);
+    else order(*walker);
+  }
 
   std::unique_ptr<Stacks> stacks;
   std::unique_ptr<Walker> walker;
@@ -224,10 +231,12 @@ WalkingSession::WalkingSession(WalkingSession&&) noexcept = default;
 WalkingSession& WalkingSession::operator=(WalkingSession&&) noexcept = default;
 
 void WalkingSession::go(double forward, double left, double turn) {
-  const char* halted = walk_->stacks->shared().halt().why();
-  if (halted || !walk_->stopping.empty()) walk_->walker->refuse(halted ? halted : walk_->stopping);
-  else walk_->walker->go({forward, left, turn});
+  walk_->order([&](Walker& walker) { walker.go({forward, left, turn}); });
 }
+void WalkingSession::follow(const std::vector<Foothold>& footholds) {
+  walk_->order([&](Walker& walker) { walker.follow(footholds); });
+}
+std::vector<Foothold> WalkingSession::ahead() const { return walk_->walker->ahead(); }
 std::vector<std::string> WalkingSession::why() const { return walk_->walker->why(); }
 std::array<double, 3> WalkingSession::velocity() const {
   const Command& command = walk_->walker->state().command;

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "../walking/footsteps.hpp"
 #include "session.hpp"
 
 namespace hqp {
@@ -21,10 +22,15 @@ class WalkingSession {
   WalkingSession& operator=(WalkingSession&&) noexcept;
 
   // Walk at a velocity in the axes of the heading [m/s, m/s, rad/s], or the nearest one that steps can follow; why():
-  // the reason of each difference.
+  // the reason of each difference, of footholds, too.
   void go(double forward, double left = 0.0, double turn = 0.0);
   std::vector<std::string> why() const;
   std::array<double, 3> velocity() const;
+  // Step on footholds in the world, left and right in turn, then stand on the last two: the nearest ones within reach
+  // of each other.  z: height of the ground [m].  Throws ReferenceError for two of one foot in turn and for numbers
+  // that are not finite.
+  void follow(const std::vector<Foothold>& footholds);
+  std::vector<Foothold> ahead() const;  // footholds that no foot has left for yet
   // Come to stand with the feet side by side, over as many steps as it takes.
   void stop();
   // Stop, then hold with status kStopped until resume().
@@ -40,7 +46,7 @@ class WalkingSession {
   const std::vector<double>& command() const;
   const char* phase() const;    // "stand", "shift" or "swing"
   const char* support() const;  // feet that stand: "both", "left" or "right"
-  bool walking() const;         // from go() to stop()
+  bool walking() const;         // from go() to stop(), from follow() to the last foothold
   double time() const;          // since the first tick [s]
   std::array<double, 2> capture_point() const;
   const std::vector<double>& start() const;  // standing configuration before the walk (nq)

@@ -35,12 +35,37 @@ struct Limited {
   }
 };
 
+// A change of one foothold of a route, seen from the foot that stands, and the reason.
+struct Moved {
+  enum Axis { kAhead, kOut, kUp, kTurn, kAdded };
+  Axis axis;
+  int number, side;  // counted from 1, 0 for a step in place before them
+  double requested, allowed;
+
+  std::string text() const {
+    static constexpr const char* kFormats[] = {
+        "foothold %d, %s: %.2f -> %.2f m ahead: knees stretch beyond it",
+        "foothold %d, %s: %.2f -> %.2f m aside: the feet get no further apart",
+        "foothold %d, %s: %.2f -> %.2f m up: the CoM rises by no more in a step",
+        "foothold %d, %s: %.2f -> %.2f rad: a foot turns no further",
+        "foothold %d, %s: a step in place comes first, as the other foot stands",
+    };
+    static constexpr const char* kNear = "foothold %d, %s: %.2f -> %.2f m aside: the feet meet if they are nearer";
+    char found[160];
+    std::snprintf(found, sizeof found, axis == kOut && allowed > requested ? kNear : kFormats[axis], number,
+                  side == kLeft ? "left" : "right", requested, allowed);
+    return found;
+  }
+};
+
 struct Ability {
   static constexpr double kQuick = 2.0 / 3.0;  // shortest step time as a share of the gait's
   static constexpr double kComfort = 0.6;      // share of the reach above which steps become quicker, not longer
   static constexpr double kChange = 0.04;      // largest change of velocity in a step, a share of sqrt(g h)
   static constexpr double kTurns = 0.3;        // largest change of the turning rate in a step [rad/s]
   static constexpr int kMost = 24;             // steps until a command is met
+  static constexpr double kClimb = 0.05;       // largest change of the CoM's height in a second, a share of it [1/s]
+  static constexpr double kSame = 1e-9;        // largest difference between places that is rounding [m, rad]
 
   Gait gait;
   Reach reach;
@@ -60,6 +85,28 @@ struct Ability {
     found.forward = bounded(Limited::kForward, requested.forward, reach.forward / T, reach.forward, T);
     found.left = bounded(Limited::kLeft, requested.left, 0.5 * aside / T, aside, 2.0 * T);
     found.turn = bounded(Limited::kTurn, requested.turn, 0.5 * reach.turn / T, reach.turn, 2.0 * T);
+    return found;
+  }
+  // The foothold, or the nearest one within a reach of the foot that stands; `half`: half the length of the longer
+  // sole, `rise`: its height above that foot [m]; moved(axis, requested, allowed) is called for each change.
+  template <class Report>
+  Foothold reached(Foothold wanted, const Foothold& stance, Reach within, double half, double rise,
+                   const Report& moved) const {
+    const double turn = held(wrapped(wanted.yaw - stance.yaw), -within.turn, within.turn);
+    within.least = std::min(within.least + half * std::fabs(std::sin(turn)), within.most);  // toes or heels get nearer
+    const double up = kClimb * height * gait.period(), out = Footsteps::outwards(wanted.side);
+    const double allowed = held(rise, -up, up);
+    wanted.z = stance.z + allowed;
+    const Foothold found = Footsteps{gait.period(), width, within}.within(wanted, stance);
+    const auto seen = [&](const Foothold& one) { return turned_back(stance.yaw, one.xy() - stance.xy()); };
+    const Vec2 before = seen(wanted), after = seen(found);
+    const auto compare = [&](Moved::Axis axis, double one, double other) {
+      if (std::fabs(one - other) > kSame) moved(axis, one, other);
+    };
+    compare(Moved::kAhead, before.x, after.x);
+    compare(Moved::kOut, out * before.y, out * after.y);
+    compare(Moved::kUp, rise, allowed);
+    compare(Moved::kTurn, wrapped(wanted.yaw - stance.yaw), turn);
     return found;
   }
   // Velocity of the next step: a bounded change towards the command.

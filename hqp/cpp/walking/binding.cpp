@@ -37,6 +37,16 @@ hqp::Foothold foothold(const Place& a) {
   return {std::get<0>(a), std::get<1>(a), std::get<2>(a), std::get<3>(a), std::get<4>(a)};
 }
 Place numbers(const hqp::Foothold& a) { return {a.side, a.x, a.y, a.z, a.yaw}; }
+std::vector<Place> numbers(const std::vector<hqp::Foothold>& all) {
+  std::vector<Place> found;
+  for (const hqp::Foothold& one : all) found.push_back(numbers(one));
+  return found;
+}
+std::vector<hqp::Foothold> footholds(const std::vector<Place>& all) {
+  std::vector<hqp::Foothold> found;
+  for (const Place& one : all) found.push_back(foothold(one));
+  return found;
+}
 hqp::Reach reach(const Four& a) { return {a[0], a[1], a[2], a[3]}; }
 hqp::Gait gait(const std::array<double, 6>& a) { return {a[0], a[1], a[2], a[3], a[4], a[5]}; }
 
@@ -296,6 +306,9 @@ void bind_walking(nb::module_& module) {
           "go", [](LiveWalker& w, const Velocity& requested) { w.get().go(command(requested)); }, "velocity"_a)
       .def(
           "refuse", [](LiveWalker& w, const std::string& reason) { w.get().refuse(reason); }, "reason"_a)
+      .def(
+          "follow", [](LiveWalker& w, const std::vector<Place>& wanted) { w.get().follow(footholds(wanted)); },
+          "footholds"_a)
       .def("stop", [](LiveWalker& w) { w.get().stop(); })
       .def("step", &LiveWalker::step, "q"_a, "v"_a, "loads"_a.none())
       .def("step_on", &LiveWalker::step_on, "com"_a, "velocity"_a, "soles"_a, "loads"_a.none())
@@ -305,6 +318,7 @@ void bind_walking(nb::module_& module) {
       .def(
           "planned", [](LiveWalker& w, double time) { return pair(w.get().plan().at(time).first); }, "time"_a)
       .def_prop_ro("why", [](LiveWalker& w) { return w.get().why(); })
+      .def_prop_ro("ahead", [](LiveWalker& w) { return numbers(w.get().ahead()); })
       .def_prop_ro("stands", [](LiveWalker& w) { return w.get().stands(); })
       .def_prop_ro("support", [](LiveWalker& w) { return w.get().support(); })
       .def_prop_ro("stopping_time", [](LiveWalker& w) { return w.get().stopping_time(); })

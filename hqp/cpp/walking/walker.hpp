@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "../session/errors.hpp"
 #include "ability.hpp"
 #include "adjustment.hpp"
 #include "biped.hpp"
@@ -36,6 +37,7 @@ struct WalkState {
   double t = 0.0, T = 0.0, since = 0.0, time = 0.0;  // time in the phase, its duration, time in the plan [s]
   double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0, mean = 1.0, heavier = 1.0;
   double sunk[2] = {};
+  double quick = 1.0;    // time of the step, a share of that of the gait
   double wait = 0.0;     // time from the last landing to the shift of the ZMP [s]
   Vec3 stood[2]{};       // places of the frames then
   bool stepped = false;  // true if the latest shift follows a landing
@@ -105,6 +107,9 @@ class Walker {
       need(friction_.back().motor < limits_.size() && friction_.back().column < rates_.size(),
            "friction is that of a motor");
     }
+    for (const Sole& sole : soles_)
+      for (const Vec2& corner : sole.corners)
+        half_ = std::max(half_, std::fabs(turned(sole.yaw, corner - sole.middle).x));
     support_ = std::make_unique<Support>(biped_, soles_);
     paces_.reserve(Ability::kMost + 4), pieces_.reserve(kPieces);
   }
@@ -112,27 +117,46 @@ class Walker {
 
   // Velocity from now on: the nearest one that steps can follow.
   void go(const Command& requested) {
-    refused_.clear(), limited_.clear();
+    forget();
     state_.command = ability_.allowed(requested, [this](const Limited& one) { limited_.push_back(one); });
     state_.walking = true;
   }
+  // Step on footholds, left and right in turn, then stand on the last two: the nearest ones within reach of each other.
+  void follow(const std::vector<Foothold>& wanted) {
+    for (std::size_t k = 0; k < wanted.size(); ++k) {
+      const Foothold& one = wanted[k];
+      if ((one.side != kLeft && one.side != kRight) || (k && one.side == wanted[k - 1].side))
+        throw ReferenceError("footholds are left and right in turn");
+      if (!std::isfinite(one.x + one.y + one.z + one.yaw)) throw ReferenceError("a foothold is not finite");
+    }
+    forget();
+    state_.command = {};
+    state_.walking = !wanted.empty();
+    route_ = wanted;
+    moved_.reserve(2 * (wanted.size() + 1) * (Moved::kAdded + 1));
+    if (state_.started) check();
+  }
   // Stand, because the session is stopped.
   void refuse(const std::string& reason) {
-    limited_.clear();
+    forget();
     refused_ = reason, state_.command = {};
   }
   // Come to stand with the feet side by side, over as many steps as it takes.
   void stop() {
-    if (state_.walking) state_.command = {}, state_.walking = false;
+    if (!state_.walking) return;
+    state_.command = {}, state_.walking = false;
+    end_route();
   }
-  // Reasons for each difference of the command from the latest `go`.
+  // Reasons for each difference from the latest `go` or `follow`.
   std::vector<std::string> why() const {
     if (!refused_.empty()) return {"stopped (" + refused_ + "): call session.resume()"};
     std::vector<std::string> found;
     for (const Limited& one : limited_) found.push_back(one.text());
+    for (const Moved& one : moved_) found.push_back(one.text());
     return found;
   }
-  const std::vector<Limited>& limited() const { return limited_; }
+  // Footholds ahead, of a route.
+  std::vector<Foothold> ahead() const { return {route_.begin() + std::ptrdiff_t(next_), route_.end()}; }
   bool stands() const { return state_.phase == WalkPhase::kStand && state_.t >= state_.T; }
   double stopping_time() {  // longest time from `stop` to standing [s]
     ability_.paces(state_.pace, {}, paces_);
@@ -198,7 +222,7 @@ class Walker {
   }
 
  private:
-  static constexpr std::size_t kPieces = 2 * (Ability::kMost + 2) + 6;
+  static constexpr std::size_t kPreview = 3, kPieces = 2 * (Ability::kMost + 2) + 6;  // steps, pieces of the plan
 
   // Columns of gyroscope and encoders: all but the velocity of the base, which has no noise of its own.
   static std::vector<std::size_t> turning(std::size_t nv) {
@@ -216,6 +240,7 @@ class Walker {
     s.yaw = mean_yaw();
     s.nominal = s.target = s.holds[kLeft];
     s.t = 0.0, s.T = gait_.first;
+    check();
     plan_ahead();
   }
 
@@ -223,13 +248,14 @@ class Walker {
   void advance(const double* loads) {
     WalkState& s = state_;
     if (s.phase == WalkPhase::kStand && s.walking && s.t >= s.T) {
-      s.stance = kRight, s.wait = 0.0, s.stepped = false;
+      s.stance = routed() ? 1 - route_.front().side : kRight, s.wait = 0.0, s.stepped = false;
       enter(WalkPhase::kShift, gait_.first);
     } else if (s.phase == WalkPhase::kShift && s.stepped && lost(s.stance, loads)) {
       swing_on();
     } else if (s.phase == WalkPhase::kShift && (s.t >= s.T || lost(1 - s.stance, loads))) {
-      s.pace = ability_.paced(s.pace, s.command);
-      enter(WalkPhase::kSwing, haste() * gait_.single_support);
+      if (!routed()) s.pace = ability_.paced(s.pace, s.command);
+      s.quick = routed() ? 1.0 : ability_.haste(s.pace);
+      enter(WalkPhase::kSwing, s.quick * gait_.single_support);
     } else if (s.swings() && landed(loads)) {
       const int side = 1 - s.stance;
       s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
@@ -237,9 +263,10 @@ class Walker {
       s.stance = side;
       s.share = static_cast<double>(1 - side);  // the other foot still bears it all
       s.stepped = true, s.wait = 0.0;
+      if (routed() && next_ == route_.size()) s.walking = false, s.pace = {}, end_route();
       const bool last = !s.walking && s.pace == Command();
       const double most = std::max(s.T - s.t, 0.0);
-      enter(last ? WalkPhase::kStand : WalkPhase::kShift, doubled(s.pace, last));
+      enter(last ? WalkPhase::kStand : WalkPhase::kShift, doubled(s.quick, last));
       if (loads) pause(most);
     }
   }
@@ -274,6 +301,7 @@ class Walker {
     s.phase = WalkPhase::kSwing, s.entered = true, s.t = s.swing.time;
     const Vec3& p = biped_.position[side];
     s.nominal = s.target = s.holds[side] = biped_.placed(side, soles_[std::size_t(side)]);
+    s.nominal.z = s.target.z = s.holds[s.stance].z;
     s.swing.lower({p[0], p[1], p[2], biped_.yaw(side)}, goal());
     s.T = s.swing.duration;
     plan_ahead();
@@ -300,7 +328,7 @@ class Walker {
     }
     const int side = 1 - s.stance;
     s.holds[s.stance] = biped_.placed(s.stance, soles_[std::size_t(s.stance)]);  // after it has settled
-    s.nominal = s.target = next(s.holds[s.stance], s.pace);
+    s.nominal = s.target = routed() ? step_on(s.holds[s.stance]) : next(s.holds[s.stance], s.pace);
     const Vec3& p = biped_.position[side];
     s.swing = Swing({p[0], p[1], p[2], biped_.yaw(side)}, goal(), duration, gait_.height, gait_.search);
     plan_ahead();
@@ -329,18 +357,22 @@ class Walker {
       const std::size_t swings = s.swings() ? 1 : 0;
       if (!s.walking && swings && s.pace == Command()) paces_.clear();
       else ability_.paces(s.pace, s.command, paces_);
-      if (s.walking) paces_.resize(3 - swings, s.command);
-      const std::size_t count = paces_.size() + swings;
-      for (std::size_t k = 0; k < count; ++k) {
-        const bool under_way = swings && k == 0;
-        const Command pace = under_way ? s.pace : paces_[k - swings];
-        to(std::max(under_way ? s.T - s.t : ability_.haste(pace) * gait_.single_support, dt_), holds[stance].xy());
-        holds[1 - stance] = under_way ? s.nominal : next(holds[stance], pace);
+      if (s.walking) paces_.resize(kPreview - swings, s.command);
+      const std::size_t left = routed() ? route_.size() - next_ : paces_.size(), ahead = std::min(left, paces_.size());
+      const bool ends = routed() ? ahead == left : !s.walking;
+      for (std::size_t k = 0; k < ahead + swings; ++k) {
+        const bool under_way = k < swings;
+        const std::size_t i = under_way ? 0 : k - swings;
+        const double quick = under_way ? s.quick : routed() ? 1.0 : ability_.haste(paces_[i]);
+        to(std::max(under_way ? s.T - s.t : quick * gait_.single_support, dt_), holds[stance].xy());
+        holds[1 - stance] = under_way  ? s.nominal
+                            : routed() ? reached(next_ + i, holds[stance])
+                                       : next(holds[stance], paces_[i]);
         stance = 1 - stance;
-        const bool last = !s.walking && k + 1 == count;
-        to(doubled(pace, last), last ? middle() : holds[stance].xy());
+        const bool last = ends && k + 1 == ahead + swings;
+        to(doubled(quick, last), last ? middle() : holds[stance].xy());
       }
-      if (s.walking) to(ability_.haste(s.command) * gait_.single_support, holds[stance].xy());
+      if (!ends) to((routed() ? 1.0 : ability_.haste(s.command)) * gait_.single_support, holds[stance].xy());
     }
     to(0.5, at);
     const Vec2 before = dcm_.duration() > 0.0 ? dcm_.at(s.since).second : s.zmp;
@@ -360,10 +392,51 @@ class Walker {
     pieces_.insert(pieces_.begin() + 1, {half, middle, shift.end});
     dcm_.plan(pieces_, omega_);
   }
-  double haste() const { return ability_.haste(state_.pace); }
-  // Time of both feet on the ground after a step [s].
-  double doubled(const Command& pace, bool last) const {
-    return last ? gait_.first : ability_.haste(pace) * gait_.double_support;
+  // Time of both feet on the ground after a step of a quickness [s].
+  double doubled(double quick, bool last) const { return last ? gait_.first : quick * gait_.double_support; }
+  bool routed() const { return !route_.empty(); }
+  void end_route() { route_.clear(), next_ = 0; }
+  void forget() { refused_.clear(), limited_.clear(), moved_.clear(), end_route(); }
+  // Keep a change of a foothold of the route for why().
+  auto noting(std::size_t k) {
+    return [this, k](Moved::Axis axis, double requested, double allowed) {
+      if (moved_.size() < moved_.capacity())  // in a tick no memory is taken
+        moved_.push_back({axis, static_cast<int>(k) + first_, route_[k].side, requested, allowed});
+    };
+  }
+  // Bring the route within the reach of planned steps, each foothold from the one before.
+  void check() {
+    const WalkState& s = state_;
+    if (!routed()) return;
+    const bool stands = s.phase == WalkPhase::kStand;
+    Foothold stance = s.swings() ? s.nominal : s.holds[stands ? 1 - route_.front().side : s.stance];
+    floor_ = stance.z;
+    first_ = stance.side == route_.front().side ? 0 : 1;
+    if (first_ == 0) {
+      route_.insert(route_.begin(), footsteps_.next(stance, {}));
+      moved_.push_back({Moved::kAdded, first_, route_.front().side, 0.0, 0.0});
+    }
+    for (std::size_t k = 0; k < route_.size(); ++k) {
+      const double before = k ? route_[k - 1].z : stance.z;
+      stance = route_[k] = ability_.reached(route_[k], stance, ability_.reach, half_, route_[k].z - before, noting(k));
+    }
+  }
+  // A foothold of the route, from where the other foot stands.
+  template <class Report>
+  Foothold reached(std::size_t k, const Foothold& stance, const Report& moved) const {
+    const double rise = route_[k].z - (k ? route_[k - 1].z : floor_);
+    return ability_.reached(route_[k], stance, footsteps_.reach, half_, rise, moved);
+  }
+  Foothold reached(std::size_t k, const Foothold& stance) const {
+    return reached(k, stance, [](Moved::Axis, double, double) {});
+  }
+  // The next foothold of the route; its step is as fast as one of a walk.
+  Foothold step_on(const Foothold& stance) {
+    const Foothold found = reached(next_, stance, noting(next_));
+    ++next_;
+    const Vec2 step = turned_back(stance.yaw, found.xy() - stance.xy()) / gait_.period();
+    state_.pace = {step.x, 0.0, 0.0};
+    return found;
   }
   Foothold next(const Foothold& stance, const Command& pace) const {
     Footsteps steps = footsteps_;
@@ -375,7 +448,7 @@ class Walker {
     const Sole& sole = soles_[std::size_t(target.side)];
     const double yaw = target.yaw + sole.yaw;
     const Vec2 at = target.xy() - turned(yaw, sole.middle);
-    return {at.x, at.y, state_.holds[state_.stance].z, yaw};
+    return {at.x, at.y, target.z, yaw};
   }
 
   void refer() {
@@ -416,7 +489,7 @@ class Walker {
   double height(double com) {
     WalkState& s = state_;
     const double ground = s.swings() ? s.holds[s.stance].z : 0.5 * (s.holds[0].z + s.holds[1].z);
-    const double most = 0.05 * height_ * dt_;
+    const double most = Ability::kClimb * height_ * dt_;
     s.z += held(ground + height_ - s.z, -most, most);
     s.raised = held(s.raised + kWeighs * dt_ * (s.z - com), -kSag, kSag);
     return s.z + s.raised;
@@ -447,7 +520,7 @@ class Walker {
   // Move the landing of the swing foot, in place and time, to where the DCM is met.
   void adjust(const Vec2& error, const Vec2& ankle) {
     WalkState& s = state_;
-    const double single = haste() * gait_.single_support, speed = s.T - s.t > kLast ? kCorrection : kCreeps;
+    const double single = s.quick * gait_.single_support, speed = s.T - s.t > kLast ? kCorrection : kCreeps;
     double left = std::max(s.T - s.t, 0.0);
     s.target = s.planned.foothold;
     if (s.edge) {  // inside the sole the ankle leads every error back
@@ -511,6 +584,11 @@ class Walker {
   std::vector<Piece> pieces_;
   std::vector<Command> paces_;
   std::vector<Limited> limited_;
+  std::vector<Foothold> route_;  // footholds to step on, the next one at next_
+  std::size_t next_ = 0;
+  int first_ = 1;                    // number of the first one, 0 for a step in place
+  double floor_ = 0.0, half_ = 0.0;  // height of the ground before the route; half the length of a sole [m]
+  std::vector<Moved> moved_;
   std::string refused_;
 };
 

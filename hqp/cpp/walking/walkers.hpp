@@ -30,13 +30,10 @@ class Walkers {
     });
   }
   void go(std::size_t i, const Command& command) {
-    std::string why = stopping_[i];
-    if (why.empty())
-      batch_.change(i, [&](Stacks& session) {
-        if (const char* reason = session.current().halt().why()) why = reason;
-      });
-    if (why.empty()) walkers_[i]->go(command);
-    else walkers_[i]->refuse(why);
+    order(i, [&](Walker& walker) { walker.go(command); });
+  }
+  void follow(std::size_t i, const std::vector<Foothold>& wanted) {
+    order(i, [&](Walker& walker) { walker.follow(wanted); });
   }
   void stop(std::size_t i) { walkers_[i]->stop(); }
   // End the walk, then hold until resume().
@@ -53,6 +50,17 @@ class Walkers {
   Batch& batch() { return batch_; }
 
  private:
+  // Give a world an order, unless it is stopped.
+  template <class Order>
+  void order(std::size_t i, const Order& order) {
+    std::string why = stopping_[i];
+    if (why.empty())
+      batch_.change(i, [&](Stacks& session) {
+        if (const char* reason = session.current().halt().why()) why = reason;
+      });
+    if (why.empty()) order(*walkers_[i]);
+    else walkers_[i]->refuse(why);
+  }
   void end(Stacks& session, std::size_t i) {  // a walk that is to end has ended
     if (stopping_[i].empty() || (walkers_[i]->state().started && !walkers_[i]->stands())) return;
     session.current().halt().stop(stopping_[i]);
