@@ -100,17 +100,18 @@ def certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
     choice = Choice(problem, x)  # of the problem as given: it moves by 1e5 times an error of its directions
-    held = choice.within()  # has what the levels determine of x
     problem = without_rounding(problem)
 
     def judged(at: Vec) -> Certificate:
         return _priced(problem, at, tolerance, stages, settled) if problem.priced else _exact(problem, at, tolerance)
 
-    found = judged(held)
-    if held is not x and not found.ok and (itself := judged(x)).ok:  # levels violate rows by less than is allowed
-        found = itself
-    if held is x:
-        return found
+    points = choice.within()  # each has what the levels determine of x: one that passes is a proof
+    found = judged(next(points))
+    for at in points:
+        if found.ok:
+            break
+        if (verdict := judged(at)).ok:
+            found = verdict
     gaps = found.gaps.copy()
     apart = float(np.linalg.norm(x - choice.minimum()))
     gaps[-1] = max(gaps[-1], apart / (1.0 + float(np.linalg.norm(x))))

@@ -16,6 +16,7 @@ its value.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -158,13 +159,16 @@ class Choice:
         """The answer, ``(n,)``."""
         return self._point(SOFTNESS, self._left, 0.0) if self.Z.shape[1] else self._x
 
-    def within(self) -> Vec:
-        """A point within the rows, at which the levels may be judged, ``(n,)``.
+    def within(self) -> Iterator[Vec]:
+        """Points within the rows, and x, at any of which the levels may be judged, each ``(n,)``.
 
-        Rows that hold a level are at their bounds there to about INSET of their terms.
+        A row that holds a level is at its bound at each of them but for INSET of its terms, or for rounding of x,
+        divided by the angle of a wedge: one or the other may be more than the tolerance of an active row.
         """
-        kept = not self.Z.shape[1] or self._left is self.Z
-        return self._within if kept else self._point(HARD, self._left, INSET)
+        if self.Z.shape[1]:
+            yield self._within if self._left is self.Z else self._point(HARD, self._left, INSET)
+            yield self._point(HARD, self._left, 0.0)
+        yield self._x
 
     def _point(self, softness: float, Z: Mat, inset: float) -> Vec:
         off = inset * (self._lengths + np.abs(self._A) @ np.abs(self._x))

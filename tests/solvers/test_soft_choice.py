@@ -18,8 +18,8 @@ from tests.scenes.priced import is_certain, is_unsure
 N, FREE = 9, 3
 
 
-def wedge(seed: int, priced: bool = False) -> tuple[Hierarchy, Mat]:
-    """Rows nearly opposed by 1e-11 to 1e-5 along three directions Z that metric, motion and task do not see.
+def wedge(seed: int, priced: bool = False, least: float = -11.0) -> tuple[Hierarchy, Mat]:
+    """Rows nearly opposed by 10^least to 1e-5 along three directions Z that metric, motion and task do not see.
 
     The rows leave a point of length about 3 and, in a third of the problems, hold it at the apex.
     """
@@ -27,7 +27,7 @@ def wedge(seed: int, priced: bool = False) -> tuple[Hierarchy, Mat]:
     Q = np.linalg.qr(rng.normal(size=(N, N)))[0]
     Z, seen = Q[:, :FREE], Q[:, FREE:]
     normals = rng.normal(size=(4, N))
-    tilt = 10.0 ** rng.uniform(-11.0, -5.0)
+    tilt = 10.0 ** rng.uniform(least, -5.0)
     A = np.concatenate([normals, -normals + tilt * rng.normal(size=normals.shape)])
     inside = rng.normal(size=N)
     room = np.abs(rng.normal(size=len(A))) * rng.choice([0.0, 1e-9, 1.0])
@@ -69,11 +69,27 @@ def test_every_path_ends_at_the_minimum(seed: int, priced: bool) -> None:
     assert np.array_equal(many, x)
     if is_unsure(found):
         return
-    inside = Choice(problem, x).within()  # another point that the levels leave
+    inside = next(Choice(problem, x).within())  # another point that the levels leave
     assert np.max(np.abs(np.concatenate([rows.slack(inside) for rows in problem.levels[:2]]))) < 1e-8 * size
     assert np.abs(chosen(problem, inside) - x).max() < 1e-8 * size
     off = np.concatenate([rows.slack(x) for rows in problem.levels[:2]])
     assert np.all(np.abs(off) <= allowed(problem, x) + 1e-8)
+
+
+def test_rows_that_hold_a_level_count_wherever_the_wedge_is_judged() -> None:
+    """Rows opposed by 1e-6 to 1e-5: what is kept off them, or rounding of x, leaves 1e-5 of room between them.
+
+    No certain answer is refused; one that is 1e-6 beside the task's solution is.
+    """
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(600):
+        problem, _ = wedge(seed, least=-6.0)
+        certain += is_certain(solver, problem, seed)
+        if seed % 20 == 0:
+            x, aside = solver.solve(problem).x, np.linalg.pinv(problem.levels[2].dense(N))[:, 0]
+            moved = x + 1e-6 * (1.0 + float(np.abs(x).max())) * aside / np.linalg.norm(aside)
+            assert not certificate(problem, chosen(problem, moved), 1e-8).ok, seed
+    assert certain > 300
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -113,7 +113,7 @@ def test_torques_are_optimal_in_the_full_problem(humanoid: Robot, support: str, 
         x = tick.solution.x
         bound += sum(int(np.count_nonzero(np.abs(marks) == 1)) for marks in tick.solution.active[:2])
         problem = full_problem(humanoid, session, q, v, feet, True)
-        x = Choice(session.problem, x).within()  # the choice among optima exceeds rows of forces
+        x = next(Choice(session.problem, x).within())  # the choice among optima exceeds rows of forces
         force = np.concatenate(list(program(session).contact_forces(x, world=True).values()))
         z = np.concatenate((program(session).acceleration(x), force, x))
         w = problem.slacks(z)
