@@ -50,7 +50,8 @@ class Certificate:
     length by more than 100 (see graded), the gap is the reduction of a row by the step to the best point on the face of
     the active rows, relative to the row's length, or the gradient there, divided by the sum of the row pulls that the
     face cannot meet: errors in directions that only short rows determine show as well.  A row above that this step
-    reaches before it reduces a row by the tolerance is active, if it is no farther than the completion may exceed it.
+    reaches before it reduces a row by the tolerance is active, if it is no farther than the completion may exceed it;
+    what the step moves along directions that the choice among optima has does not count.
     norms: ``(levels,)``, ||w_k||.
     ranks: ``(levels + 1,)``, directions that each level fixed.  multipliers: per level k ``(m_0 +... + m_k,)``, as in
     Solution.multipliers.  rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made
@@ -180,7 +181,7 @@ def _verdict(
 ) -> tuple[Certificate, bool]:
     """The certificate under one reading of locks and ranks; also return true if another reading of a rank is
     possible."""
-    judge = Judge(problem.n, tolerance, lock, rank)
+    judge = Judge(unseen(problem), tolerance, lock, rank)
     gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
     every = [row_lengths(A) for A in dense]

@@ -22,10 +22,14 @@ from hqp.tolerances import (
 
 class Judge:
     """Feasible directions below the levels above: a basis Z of the null space of fixed rows, and the active rows'
-    cone."""
+    cone.
 
-    def __init__(self, n: int, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
-        self.tolerance, self.lock, self.rank = tolerance, lock, rank
+    unseen: ``(n, r)``, orthonormal, directions that are left to the choice among optima.
+    """
+
+    def __init__(self, unseen: Mat, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
+        n = len(unseen)
+        self.unseen, self.tolerance, self.lock, self.rank = unseen, tolerance, lock, rank
         self.unclear = False  # a singular value may count as a direction or not
         self.shortest = 1.0  # singular value of a direction that was fixed
         self._forces = 0.0  # sum of the multipliers of the level just judged
@@ -133,11 +137,11 @@ class Judge:
         """The first row that a step reaches, counted from one and negative at its lower bound, and the share of the
         step until there; share one if there is none.
 
-        Rows count up to the distance by which the completion may exceed them.
+        Rows count up to the distance by which the completion may exceed them, without its part along unseen directions.
         """
-        slope = self.unit @ step
+        slope, seen = self.unit @ step, max(float(np.linalg.norm(step - self.unseen @ (step @ self.unseen))), 1e-300)
         room = np.where(slope > 0.0, self.room[:, 1], self.room[:, 0])
-        near = (self.side == 0.0) & ~self.fixed & (room <= SOFTNESS * size) & (slope != 0.0)
+        near = (self.side == 0.0) & ~self.fixed & (room * seen <= SOFTNESS * size * np.abs(slope)) & (slope != 0.0)
         shares = np.divide(room, np.abs(slope), out=np.ones(room.size), where=near)
         k = int(np.argmin(shares)) if near.any() else 0
         return (int(np.sign(slope[k])) * (k + 1), float(shares[k])) if near.any() and shares[k] < 1.0 else (0, 1.0)

@@ -250,7 +250,7 @@ def _fixed_at(A: Mat, x: Vec) -> Rows:
 
 def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
     """The judge at a point of the set that the levels above leave."""
-    judge = Judge(x.size, tolerance, LOCK_TOLERANCE)
+    judge = Judge(np.zeros((x.size, 0)), tolerance, LOCK_TOLERANCE)
     raw = above.hard.dense(x.size)
     C, shift, y = at.rows(raw), raw @ at.still, at.of_point(x)
     lengths = row_lengths(C)

@@ -304,6 +304,30 @@ def test_bounds_exceeded_by_a_little_make_a_gap_of_a_little(seed: int) -> None:
     assert not certificate(problem, x + np.where(np.arange(n) < count, -1e-6 * size, 0.0), 1e-8).ok
 
 
+@pytest.mark.parametrize(("far", "unseen"), [(-2.0, True), (-1.0, True), (1.0, True), (-2.0, False)])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bound_in_a_direction_of_the_choice_holds_a_level_from_afar(seed: int, far: float, unseen: bool) -> None:
+    """A short row has 5e-9 of its length of a direction without motion, and would move far along it to be met.
+
+    A bound a hundredth or a tenth of x away stops the step before any row changes by the tolerance; ten times x is too
+    far.
+    """
+    rng, n = np.random.default_rng(seed), 6
+    basis = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    lengths = np.array([1.0, *10.0 ** rng.uniform(-2.0, 0.0, n - 2), 1e-3])
+    across = rng.normal(size=(n, n - 1))
+    across *= (lengths / np.linalg.norm(across, axis=1))[:, None]
+    w = np.linalg.svd(across)[0][:, -1]  # slack that no step across removes
+    x, along = rng.normal(size=n - 1) @ basis[:-1], np.zeros(n)
+    along[-1] = -5e-9 * lengths[-1] * np.sign(w[-1])
+    A = np.column_stack([across, along]) @ basis
+    room = 10.0**far * max(1.0, float(np.abs(x).max()))
+    bound = Rows(basis[-1:], np.array([-np.inf]), basis[-1:] @ x + room)
+    metric = basis[:-1].T @ basis[:-1] if unseen else None
+    case = Hierarchy((bound, Rows(A, A @ x - w, A @ x - w)), constraints=1, metric=metric)
+    assert certificate(case, x, 1e-8).ok == (unseen and far < 0.0)
+
+
 def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
     """A short row pushes against a long inequality: its force is a slack below rounding."""
     A, upper = np.array([[1e6, 0.0], [1.0, 0.0]]), np.array([1e6, 3.0])
