@@ -30,6 +30,7 @@ class Contacts:
     def __init__(self, shapes: Any) -> None:
         self._of: dict[int, list[tuple[Any, Any]]] = {}
         self._items: dict[int, list[Any]] = {}
+        self._hulls: dict[tuple[int, str], tuple[LinkHull, ...]] = {}
         for item in shapes.geometryObjects:
             if type(item.geometry).__name__ not in ("Halfspace", "Plane"):
                 place = Placement(item.placement.rotation, item.placement.translation)
@@ -59,7 +60,9 @@ class Contacts:
 
     def hulls(self, body: int, name: str) -> tuple[LinkHull, ...]:
         """Convex hulls of the shapes of a body, each within ``ROUNDED`` of its shape's if ``CORNERS`` suffice."""
-        return tuple(_hull(item, body, name) for item in self._items.get(body, ()))
+        if (body, name) not in self._hulls:
+            self._hulls[body, name] = tuple(_hull(item, body, name) for item in self._items.get(body, ()))
+        return self._hulls[body, name]
 
 
 def _hull(item: Any, body: int, name: str) -> LinkHull:

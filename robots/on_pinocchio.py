@@ -348,7 +348,11 @@ class Robot:
         """The collision shapes, read for ``touch`` of two bodies; raises ModelError without shapes."""
         from . import contacts
 
-        return contacts.Contacts(self.read_shapes("collision"))
+        kept = {} if self._read is None else self._read
+        if "contacts" not in kept:
+            kept["contacts"] = contacts.Contacts(self.read_shapes("collision"))
+        found: Contacts = kept["contacts"]
+        return found
 
     def with_frame(self, name: str, parent: str, placement: Any = None) -> Robot:
         """Return a copy with one more frame, fixed in that of ``parent``.

@@ -263,7 +263,6 @@ class _Drawn:
 
     def __init__(self, capsules: tuple[LinkCapsule, ...], places: Places, shapes: Any) -> None:
         self.capsules, self.places, self.shapes = capsules, places, shapes
-        self._hulls: dict[int, tuple[LinkHull, ...]] = {}
         self._touching: dict[tuple[int, int, int], bool] = {}
         self._near: dict[Pair, tuple[float, Index, Vec]] = {}
         self._home: dict[Pair, float] = {}
@@ -310,10 +309,7 @@ class _Drawn:
 
     def hulls(self, i: int) -> tuple[LinkHull, ...]:
         """Hulls of the shapes of a capsule's link."""
-        body = self.capsules[i].body
-        if body not in self._hulls:
-            self._hulls[body] = self.shapes.hulls(body, self.capsules[i].link)
-        return self._hulls[body]
+        return tuple(self.shapes.hulls(self.capsules[i].body, self.capsules[i].link))
 
     def meeting(self, one: LinkHull, two: LinkHull, draws: Index) -> list[tuple[LinkCapsule, LinkHull]]:
         """Edges of two hulls that are nearest to the other in some configurations, with it."""
