@@ -50,9 +50,15 @@ def write(path: Path, content: Any) -> None:
 def sources() -> bytes:
     """Digest of the package's Python files: other code may find other results."""
     digest, root = hashlib.sha256(), Path(__file__).parent
-    for path in sorted(root.rglob("*.py")):
+    for path in source_files():
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.digest()
+
+
+def source_files() -> list[Path]:
+    """Python files of the package; folders may be links."""
+    walk = os.walk(Path(__file__).parent, followlinks=True)
+    return sorted(Path(folder, name) for folder, _, names in walk for name in names if name.endswith(".py"))
 
 
 def _checksum(path: Path, content: Any) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import hqp
+from hqp import user_cache
 from hqp.tasks import CollisionAvoidance, touching
 from hqp.tasks.collision_pairs import candidates
 from tests.tasks.test_touching import load
@@ -83,6 +84,14 @@ def test_a_damaged_file_is_judged_anew(damage: str, tmp_path: Path, judged: list
     assert pairs(load("drawn 1")) == first
     assert len(judged) == 2
     assert path.read_text() == text
+
+
+def test_other_code_judges_anew() -> None:
+    """The digest is of all files, those that judge pairs and read shapes among them."""
+    package = Path(hqp.__file__).parent
+    assert {package / name for name in ("tasks/touching.py", "robots/surface.py", "shapes.py")} <= {
+        *user_cache.source_files()
+    }
 
 
 def test_a_cache_that_cannot_be_written_costs_no_pairs(tmp_path: Path, judged: list[int]) -> None:
