@@ -168,6 +168,7 @@ def of_axes(a: Mat, b: Mat, c: Mat, d: Mat) -> Vec:
         t = np.einsum("ij,ij->i", cross(w, u), across) / square
         crossing = np.abs(np.einsum("ij,ij->i", w, across)) / np.sqrt(square)
     inside = (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
+    inside &= square > PARALLEL * np.einsum("ij,ij->i", u, u) * np.einsum("ij,ij->i", v, v)
     ends = np.minimum(
         np.minimum(_to_axis(a, c, v), _to_axis(b, c, v)), np.minimum(_to_axis(c, a, u), _to_axis(d, a, u))
     )

@@ -10,7 +10,7 @@ import numpy as np
 from hqp.arrays import Index, Mask, Mat, Vec, cross
 from hqp.shapes import LinkHull
 
-from .distances import TOUCHING, Found, nearest
+from .distances import TOUCHING, Found, nearest, of_axes
 
 _Nearest: TypeAlias = tuple[float, Vec, Vec, int]  # distance, normal, nearest point, feature
 
@@ -18,8 +18,7 @@ _Nearest: TypeAlias = tuple[float, Vec, Vec, int]  # distance, normal, nearest p
 class Polytope(NamedTuple):
     """Corners ``(n, 3)``, triangles ``(m, 3)`` counter-clockwise from outside, their planes, edges between two of them.
 
-    normals ``(m, 3)``, offsets ``(m,)``: normal . x <= offset inside.  edges ``(k, 4)``: two corners, two triangles;
-    middles ``(k, 3)``, halves ``(k,)`` of their lengths.
+    normals ``(m, 3)``, offsets ``(m,)``: normal . x <= offset inside.  edges ``(k, 4)``: two corners, two triangles.
     """
 
     corners: Mat
@@ -27,8 +26,6 @@ class Polytope(NamedTuple):
     normals: Mat
     offsets: Vec
     edges: Index
-    middles: Mat
-    halves: Vec
     rounding: float
 
 
@@ -46,9 +43,8 @@ def polytope(hull: LinkHull) -> Polytope:
         for one, two in zip(ring, ring[1:] + ring[:1], strict=True):
             edges.setdefault((two, one) if (two, one) in edges else (one, two), []).append(k)
     found = np.array([(*edge, sides[0], sides[-1]) for edge, sides in edges.items()])
-    a, b = corners[found[:, 0]], corners[found[:, 1]]
-    offsets, halves = np.einsum("ij,ij->i", normals, corners[triangles[:, 0]]), 0.5 * np.linalg.norm(b - a, axis=1)
-    return Polytope(corners, triangles, normals, offsets, found, 0.5 * (a + b), halves, hull.rounding)
+    offsets = np.einsum("ij,ij->i", normals, corners[triangles[:, 0]])
+    return Polytope(corners, triangles, normals, offsets, found, hull.rounding)
 
 
 def at_least(a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotation: Mat) -> float:
@@ -113,33 +109,24 @@ def _crosses(heights: Mat) -> bool:
 
 def _outside(p: Vec, q: Vec, heights: Mat, hull: Polytope) -> _Nearest:
     best: _Nearest = (math.inf, np.zeros(3), p, -1)
-    u, lowest = q - p, heights.min(axis=0)
-    for edge in np.flatnonzero((hull.edges[:, 2:] == int(np.argmax(lowest))).any(axis=1)).tolist():
-        best = min(best, _to_edge(edge, p, q, hull), key=_length)  # edges of the face that separates most are near
+    visible = heights.max(axis=0) > 0.0
+    edges = np.flatnonzero(visible[hull.edges[:, 2]] | visible[hull.edges[:, 3]])
+    ends, both = hull.corners[hull.edges[edges, :2]], (len(edges), 3)
+    off = of_axes(np.broadcast_to(p, both), np.broadcast_to(q, both), ends[:, 0], ends[:, 1])
+    for edge in edges[off <= off.min(initial=math.inf) + TOUCHING].tolist():
+        best = min(best, _to_edge(edge, p, q, hull), key=lambda found: found[0])
     for i, (end, above) in enumerate(zip((p, q), heights, strict=True)):
         near = np.flatnonzero((above > 0.0) & (above < best[0]))
-        for k in near[_over(near, end, hull)].tolist():
+        for k in near[_over(near, end, hull)].tolist() if near.size else ():
             if above[k] < best[0]:
                 best = _from(len(hull.edges) + 2 * k + i, p, q, hull)
-    visible = heights.max(axis=0) > 0.0
-    size = float(u @ u)
-    w = hull.middles - p
-    share = np.clip(w @ u / size, 0.0, 1.0) if size > 0.0 else np.zeros(len(w))
-    off = np.linalg.norm(w - share[:, None] * u, axis=1) - hull.halves
-    shown = visible[hull.edges[:, 2]] | visible[hull.edges[:, 3]]
-    for edge in np.flatnonzero(shown & (off < best[0])).tolist():
-        best = min(best, _to_edge(edge, p, q, hull), key=_length)
     return best if best[0] < math.inf else (*_inside(p, q, hull), -1)
-
-
-def _length(found: _Nearest) -> float:
-    return found[0]
 
 
 def _over(faces: Index, p: Vec, hull: Polytope) -> Mask:
     """Return true for each triangle whose prism has a point in it."""
     ring = hull.corners[hull.triangles[faces]]
-    along, off = np.roll(ring, -1, axis=1) - ring, p - ring
+    along, off = ring[:, [1, 2, 0]] - ring, p - ring
     sides = np.einsum("nkj,nj->nk", cross(along, off), hull.normals[faces])
     return np.asarray((sides >= 0.0).all(axis=1))
 
