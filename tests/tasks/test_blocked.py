@@ -46,7 +46,7 @@ def need(name: str) -> None:
 @pytest.mark.parametrize(("name", "formulation", "scene"), BLOCKED)
 def test_blocked(name: str, formulation: str, scene: str) -> None:
     need(name)
-    figures = scenes.run(scenes.scenes(name, formulation)[scene](), every=10).figures()
+    figures = scenes.run(scenes.scenes(name, formulation)[scene](), every=20).figures()
     assert figures["margin"] > NEAREST, figures["nearest"]
     assert not list(misses(formulation, figures)), figures
     assert "NOT_CERTIFIED" not in figures["statuses"]
@@ -68,7 +68,7 @@ def test_blocked_for_eight_seconds(name: str, formulation: str, scene: str) -> N
 def test_from_inside_it_comes_out_at_the_recovery_speed(name: str) -> None:
     need(name)
     blocked = scenes.scenes(name, "velocity")["inside"]()
-    figures = scenes.run(blocked, ticks=1200, every=10).figures()
+    figures = scenes.run(blocked, ticks=1200, every=20).figures()
     assert figures["margin"] < -0.09
     assert figures["margin_end"] > NEAREST
     assert figures["above"] < 1e-9
