@@ -1,6 +1,8 @@
 // The search that always ends: one level after the other from a given point, no level rises for one below.
 #pragma once
 
+#include <algorithm>
+
 #include "judge.hpp"
 #include "level_along_step.hpp"
 #include "tolerances.hpp"
@@ -32,10 +34,11 @@ class LevelSearch {
     at_.deadline.turn();
     at_.unseen.find(*at_.table);
     for (int i = 0; i < at_.n; ++i) at_.x[i] = from[i];
-    for (int before = -1; before < solves && !spent();) {
-      before = solves;
+    for (bool moved = true; moved && !spent();) {
+      for (int i = 0; i < at_.n; ++i) t_[i] = at_.x[i];
       lower_all();
       if (at_.deadline.passed()) return false;
+      moved = !std::equal(t_, t_ + at_.n, at_.x);  // else the next round is this one again
       for (int i = 0; i < at_.n; ++i) t_[i] = at_.x[i];
       if (judge_.judge(t_)) return true;
     }
