@@ -2,7 +2,8 @@
 
 Ticks of Talos in closed loops, five levels under joint limits.  tests/data/stuck.npz: the working sets repeat.
 tests/data/uncertain.npz: a multiplier's sign lies near its rounding (1), or its direction is below the rank tolerance
-(0, 2).
+(0, 2).  tests/data/stalled.npz: two ticks of Romeo's torques, pushed, a hand far beyond its reach, price 0; from the
+first's active set the search of the second ends with 0.8 of the gap that an optimum may have.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import pytest
 import hqp
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.solvers.stages import StagedWorkspace
+from tests.scenes.priced import is_unsure
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -24,7 +26,8 @@ def problem(i: int, file: str = "stuck") -> Hierarchy:
     with np.load(DATA / f"{file}.npz") as data:
         count = sum(1 for name in data.files if name.startswith(f"{i}_A"))
         levels = tuple(Rows(*(data[f"{i}_{part}{k}"] for part in "Alu")) for k in range(count))
-        return Hierarchy(levels, constraints=int(data[f"{i}_constraints"]))
+        metric = data.get(f"{i}_metric")
+        return Hierarchy(levels, constraints=int(data[f"{i}_constraints"]), metric=metric)
 
 
 @pytest.mark.parametrize("i", [0, 1])
@@ -36,6 +39,32 @@ def test_the_answer_is_judged_before_it_is_given_up(i: int, options: dict[str, b
         assert solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN), solution.detail
         assert certificate(problem(i), solution.x).ok
         assert np.all(problem(i).levels[0].slack(solution.x) == 0.0)
+
+
+def test_a_search_that_stalls_beside_the_optimum_is_not_certain() -> None:
+    """The level falls by 5e-5 per N m along internal forces: its gap is 8e-9, its residual 2e-5 off.
+
+    Goals are drawn, from the first tick's active set and from none.
+    """
+    solver, cold = hqp.solvers.load("lexicographic"), 0
+    first, second = (problem(i, "stalled") for i in range(2))
+    goals = second.levels[second.constraints]
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        off = 10.0 ** rng.uniform(-9.0, -3.0) * np.abs(goals.lower).max() * rng.normal(size=goals.m)
+        levels = list(second.levels)
+        levels[second.constraints] = Rows(goals.A, goals.lower + off, goals.upper + off)
+        case = Hierarchy(tuple(levels), second.constraints, second.metric)
+        for before in (first, None):
+            workspace = solver.workspace(case.shape)
+            workspace.limit(inf)  # type: ignore[attr-defined]
+            if before is not None:
+                workspace.solve(before)
+            found = workspace.solve(case)
+            certain = found.status.solved and not is_unsure(found)
+            assert not certain or certificate(case, found.x, 1e-8).ok, (seed, before is None)
+            cold += certain and before is None
+    assert cold > 5
 
 
 def test_a_sign_near_its_rounding_is_read_right() -> None:

@@ -140,7 +140,7 @@ class ActiveSet {
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
     if (!found) return;
-    if (conditions_.closest < kEither * kEither || conditions_.magnifies()) doubt();  // x is not of the tableau
+    if (stalled() || conditions_.closest < kEither * kEither || conditions_.magnifies()) doubt();  // not of the tableau
     doubt_forces();
   }
 
@@ -164,10 +164,14 @@ class ActiveSet {
     return found;
   }
 
-  // An optimum that rests on an unclear rank is uncertain, unless the data's last digits do not move it.
+  // Return true if the judged search ended, though not at a point where nothing is left of a gradient.
+  bool stalled() const { return judge_.gap > kActive; }
+
+  // An optimum that rests on an unclear rank, or a stalled search, is uncertain, unless it is the point of the working
+  // set and the data's last digits do not move it.
   void doubt() {
     const bool unclear = smaller(problem_.tableau.closest, conditions_.closest) < kEither * kEither;
-    if (!unclear && !conditions_.magnifies()) return;
+    if (!unclear && !conditions_.magnifies() && !stalled()) return;
     const bool still = !moves();
     settled = unclear && still;
     if (!still) state.outcome = Outcome::rank_uncertain;
