@@ -54,9 +54,10 @@ class Contacts:
 def detect(places: Mapping[str, Mat], fps: float, leg: float) -> Contacts:
     """Contacts from heights and speeds of toes, ankles, hands and knees, ``(T, 3)`` each, the floor at height 0.
 
-    A foot rests while its toe is slow (``ON``, ``OFF``), on the floor or, above it, where the other foot is at times
-    higher or in the air meanwhile: a leg that is lifted and held still carries nothing.  Hands and knees rest while
-    they are slow and near a ground on which a foot stands at some time.  leg [m]: all lengths and speeds go with it.
+    A foot rests while its toe is slow (``ON``, ``OFF``), on the floor or, above it, if the other foot is at times
+    higher or in the air meanwhile: a leg that is lifted and held still carries nothing.  It rests, too, on a ground on
+    which a foot so stands at another time.  Hands and knees rest while they are slow and near such a ground.  leg [m]:
+    all lengths and speeds go with it.
     """
     slow = {limb: rests(places[limb], fps, leg) for limb in places}
     feet = {side: slow[f"{side}_toe"] for side in SIDES}
@@ -74,6 +75,12 @@ def detect(places: Mapping[str, Mat], fps: float, leg: float) -> Contacts:
                 level[first:last] = 0.0 if floor else height
         resting[f"{side}_foot"], ground[f"{side}_foot"] = mask, level
     grounds = _grounds(places, resting, ground)
+    for side in SIDES:
+        toe, name = places[f"{side}_toe"], f"{side}_foot"
+        for first, last in runs(feet[side] & ~resting[name]):
+            spot = np.median(toe[first:last], axis=0)
+            if _above(spot[None], grounds, leg)[0] < LEVEL * leg:
+                resting[name][first:last], ground[name][first:last] = True, spot[2]
     for limb in ("hand", "knee"):
         for side in SIDES:
             name = f"{side}_{limb}"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 
 from hqp.motion.contacts import detect, runs
 from hqp.motion.joints import parts_of
@@ -64,3 +67,28 @@ def test_a_hand_on_the_floor_rests() -> None:
     contacts = found(type(motion)(motion.names, places, motion.fps))
     assert contacts.resting["left_hand"].all()
     assert not contacts.resting["right_hand"].any()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_foot_that_shifts_on_a_step_still_stands_there(seed: int) -> None:
+    """The other foot is down on the floor by then; a foot held still above the step or far from it carries nothing."""
+    rng = np.random.default_rng(seed)
+    rise, shift, way = rng.uniform(0.15, 0.45), rng.uniform(0.06, 0.12), rng.uniform(0.0, 2.0 * np.pi)
+    motion = stand(6.0, fps=60.0)
+    times = np.arange(len(motion)) / 60.0
+    left, right = ([motion.names.index(f"{side}{part}") for part in ("Foot", "ToeBase")] for side in ("Left", "Right"))
+    up, down = np.interp(times, [0.5, 1.0], [0.0, 1.0]), np.interp(times, [3.0, 3.5], [0.0, 1.0])
+    places = motion.positions.copy()
+    places[:, right, 2] += rise * up[:, None]
+    places[:, left, 2] += rise * (np.interp(times, [1.2, 1.7], [0.0, 1.0]) - down)[:, None]
+    moved = np.interp(times, [4.0, 4.2], [0.0, 1.0])[:, None, None]
+
+    def stands(by: Any) -> Any:
+        shifted = places.copy()
+        shifted[:, right] += moved * np.array(by)
+        return found(type(motion)(motion.names, shifted, motion.fps)).resting["right_foot"]
+
+    on, late = [shift * np.cos(way), shift * np.sin(way), 0.0], times > 4.4
+    assert stands(on)[late].all()
+    assert not stands([*on[:2], 0.15])[late].any()
+    assert not stands([0.7 * np.cos(way), 0.7 * np.sin(way), 0.0])[late].any()
