@@ -12,10 +12,10 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import yaw_of
+from hqp.robots.knees import knee
 from hqp.tasks import Com, Orientation, Pose, Posture
 from hqp.walking.feet import Foot, base_of, upper
 from hqp.walking.footsteps import rotation
-from hqp.walking.knees import knee
 
 if TYPE_CHECKING:
     from hqp.declare.robot import State

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import hqp.robots
+from hqp.robots.knees import knee
 from hqp.robots.soles import feet
 from hqp.walking.feet import feet_of, upper
-from hqp.walking.knees import BEND, knee
+from hqp.walking.knees import BEND
 from hqp.walking.stance import standing
 from tests.scenes.bipeds import biped
 
