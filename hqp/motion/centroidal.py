@@ -100,8 +100,9 @@ class CentroidalPlan:
 
 
 def centroidal_plan(
-    com: Mat, supports: Sequence[Soles], dt: float, *, gravity: float, highest: Vec, spin: Mat | None = None
-) -> CentroidalPlan:
+    com: Mat, supports: Sequence[Soles], dt: float, *, gravity: float, highest: Vec, spin: Mat | None = None,
+    ends: Soles | None = None,
+) -> CentroidalPlan:  # fmt: skip
     """Plan the CoM c of n nodes, dt [s] apart, by two convex quadratic programs with the jerk as input.
 
     First the height z, free fall without a sole, at most ``highest`` ``(n,)`` [m] where the legs reach, and rising no
@@ -113,10 +114,10 @@ def centroidal_plan(
              sum l_j = 1,  sum a_j = ddc/dt,
              p = sum r_j = c - sum (z - z_j) a_j / (ddz/dt + g) + (-dL_y/dt, dL_x/dt) / (m (ddz/dt + g))
 
-    and the DCM of the last node between its soles, so that the robot can stop.  com ``(n, 3)`` [m], supports: the
-    soles of each node.  gravity [m/s^2].  spin ``(n, 2)``: dL/dt / m about x and y, the angular momentum's
-    rate over the mass [m^2/s^2], 0 for None.  The plan turns with the motion.  Raises HqpError without
-    a solver (Kajita et al. 2003, there with the ZMP tracked; Winkler et al. 2017, vertical motion first).
+    and the DCM of the last node between ``ends``, on which the robot can stop: the soles of that node for None.  com
+    ``(n, 3)`` [m], supports: the soles of each node.  gravity [m/s^2].  spin ``(n, 2)``: dL/dt / m about x and y, the
+    angular momentum's rate over the mass [m^2/s^2], 0 for None.  The plan turns with the motion.  Raises HqpError
+    without a solver (Kajita et al. 2003, there with the ZMP tracked; Winkler et al. 2017, vertical motion first).
     """
     n = len(com) - 1
     z = _height(com[:, 2], supports, dt, gravity, highest)
@@ -124,7 +125,8 @@ def centroidal_plan(
     push = np.maximum(z[:, 2] + gravity, 1e-3)
     size, nodes = 4 * n + 3, 3 * np.arange(n + 1)  # variables of an axis: p, v, a of each node, then n jerks
     slack = 2 * size + np.arange(n + 2)  # a distance for each node, and one for the last DCM
-    more = [max(len(soles) - 1, 0) for soles in (*supports, supports[-1])]
+    last = supports[-1] if ends is None else ends
+    more = [max(len(soles) - 1, 0) for soles in (*supports, last)]
     begins = slack[-1] + 1 + 5 * np.concatenate(([0], np.cumsum(more)))  # l, r and a of each sole beyond the first
     total = int(begins[-1])
     weight, linear = np.zeros(total), np.zeros(total)
@@ -181,7 +183,7 @@ def centroidal_plan(
                 bound([b + 3, b + 4, b], [*way, -grip], 0.0)
             others = [b + 3 + k for b in begin for k in (0, 1)]
             bound([*force, *others, *begin], [*way, *[-x for _ in begin for x in way], *[grip] * len(begin)], grip)
-    if last := supports[-1]:
+    if last:
         level = float(np.mean([sole.height for sole in last]))
         time, end = np.sqrt(max(z[-1, 0] - level, 1e-3) / gravity), at + nodes[-1]
         inside(last, begins[-2], [([end[k], end[k] + 1], [1.0, time]) for k in (0, 1)], np.zeros(2), slack[-1], gravity)

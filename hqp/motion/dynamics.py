@@ -101,6 +101,9 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     each = max(1, int(fps / NODES))
     nodes, dt = slice(None, None, each), each / fps
     places = supports_of(tracker, q[nodes], stands[nodes], toes[nodes], margin=True)
+    at = [(len(places) - 1) * each]
+    stops = np.repeat(stands[at].any(axis=1, keepdims=True), len(SIDES), axis=1)  # a foot in the air lands there
+    (ends,) = supports_of(tracker, q[at], stops, toes[at], margin=True)
     times = np.minimum(np.arange(len(q)) / fps, (len(places) - 1) * dt)
     gravity = float(-robot.gravity[2])
 
@@ -112,7 +115,9 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
         supports = unloading(supports, stands[nodes], toes[nodes], gravity * dt / LEAST[BOTH])
         aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
-            plan = centroidal_plan(aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes])
+            plan = centroidal_plan(
+                aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes], ends=ends
+            )
             highest = _reached(stacks.body, reached[nodes], plan.com, legs, stands[nodes])
         assert plan is not None
         com, rate, push = plan.at(times, dt)

@@ -273,6 +273,27 @@ def test_feet_lift_and_land_at_rest(g1: hqp.robots.Robot) -> None:
     assert swings > 1
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_motion_that_ends_in_a_step_may_stop_on_the_foot_in_the_air(seed: int) -> None:
+    """The DCM of a person who falls onto the next foot ends between both, and the plan stays near the person."""
+    rng = np.random.default_rng(seed)
+    height, heading, step = rng.uniform(0.5, 1.0), rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 0.4)
+    time = math.sqrt(height / G)
+    times = np.arange(round(rng.uniform(1.2, 1.6) * time / DT)) * DT
+    way, ahead = np.array([math.cos(heading), math.sin(heading)]), 0.1 * step * np.exp(times / time)
+    com = np.column_stack((np.outer(ahead, way), np.full(len(times), height)))
+    stance, swing = (_square(x, 0.0, 0.03, heading=heading) for x in (0.0, step))
+    highest = np.full(len(times), np.inf)
+    stuck, free = (
+        centroidal_plan(com, [(stance,)] * len(times), DT, gravity=G, highest=highest, ends=ends)
+        for ends in (None, (stance, swing))
+    )
+    off, own = (float(np.linalg.norm(plan.com - com, axis=1).max()) for plan in (stuck, free))
+    assert own < 0.005 < 0.02 < off
+    dcm = way @ (free.com[-1] + time * free.velocity[-1])[:2]
+    assert 0.03 < dcm < step + 0.03
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_toe_unloads_before_it_lifts(seed: int) -> None:
     """Nothing in its last node, at most the rate more in each node before, no more than before; soles as before."""
