@@ -52,7 +52,8 @@ class Stacks:
 
     Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest, which is
     within all limits), their heights and the lateral lines that they roll about, moving feet, hands, the tilt of soles,
-    trunk, limbs, posture.  flat: standing soles are flat and moving soles turned as they will stand, above the hands.
+    trunk, limbs, posture.  flat: standing soles are flat, above the hands.  Soles in the air turn below them: a person
+    who spins a foot would throw the robot's hips about.
     """
 
     def __init__(
@@ -201,14 +202,15 @@ class Stacks:
         return self._stack(kept, motion)
 
     def carrying(self, standing: Standing) -> Stack:
-        """For a planned CoM: soles of standing and moving feet > CoM > its height, hands, trunk and joints.
+        """For a planned CoM: soles of standing and toes of moving feet > CoM > its height, hands, trunk and joints.
 
-        The last four share a level: hands alone above the trunk lead a waist into a corner of its limits that no small
-        motion leaves, and a strict height does the same to legs that are nearly straight.
+        The last four and the turns of moving soles share a level: hands alone above the trunk lead a waist into a
+        corner of its limits that no small motion leaves, and a strict height does the same to nearly straight legs.
         """
         levels = self._levels(standing)
         kept = {name: levels[name] for name in ("stance", "ground", "swing")}
-        body = [self.com_height, *levels["hands"], self.torso, self.hips, replace(self.joints, weight=JOINTS)]
+        turns = [*levels["soles"], self.torso, self.hips]
+        body = [self.com_height, *levels["hands"], *turns, replace(self.joints, weight=JOINTS)]
         return self._stack(kept | {"com": [self.com], "body": body})
 
     def _stack(self, levels: dict[str, list[Any]], *below: Level) -> Stack:
@@ -230,9 +232,9 @@ class Stacks:
                 *(kept if self.flat else (self.above[name] for name in raised)),
                 *(() if turned else lines),
             ],
-            "swing": [*(self.toes[side] for side in moving), *(tilts if self.flat else ())],
+            "swing": [self.toes[side] for side in moving],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
-            "soles": [*(() if self.flat else (*kept, *tilts)), *(lines if turned else ())],
+            "soles": [*(() if self.flat else kept), *tilts, *(lines if turned else ())],
             "trunk": [*self.trunk, self.hips],
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
             "posture": [self.posture],

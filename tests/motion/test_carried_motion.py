@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import hqp
 from hqp.arrays import Mat
 from hqp.motion import Motion, Retargeted, retarget
+from hqp.motion.body import Body
+from hqp.motion.contacts import runs
+from hqp.motion.joints import SIDES, parts_of
 from hqp.motion.rates import velocities
+from hqp.motion.schedule import grounded, schedule_of
+from hqp.motion.skeleton_map import find_map
+from hqp.motion.stacks import Stacks
+from hqp.motion.targets import targets_of
+from hqp.motion.tracker import Tracker
 from hqp.tasks.support_polygon import hull
 from hqp.walking.feet import Foot, feet_of
 from tests.scenes.clips import KINDS
+
+from .people import walk
 
 ROUNDING = 1e-9
 """Noise of the person's places [m]: far below any marker's."""
@@ -84,3 +96,23 @@ def test_rounding_does_not_move_a_carried_motion(kind: str, g1: hqp.robots.Robot
     noisy: Any = clip.positions + ROUNDING * rng.standard_normal(clip.positions.shape)
     one, other = (retarget(m, g1, dynamics=True) for m in (clip, Motion(clip.names, noisy, clip.fps, clip.parents)))
     assert np.abs(one.angles - other.angles).max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_foot_spun_in_the_air_leaves_the_hands_alone(seed: int, g1: hqp.robots.Robot) -> None:
+    """Hands are within 1 mm of their targets beside a foot that is turned by up to 2.5 rad about a drawn axis."""
+    rng, found, motion = np.random.default_rng(seed), find_map(None, g1), walk(2.0, speed=0.5, fps=120.0)
+    body = Body.of(g1, found)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    schedule = schedule_of(targets, body)
+    targets = grounded(targets, body, schedule)
+    first, last = runs(~schedule.stands[:, 0])[1]
+    frame, axis = (first + last) // 2, rng.normal(size=3)
+    turn = Rotation.from_rotvec(rng.uniform(1.0, 2.5) * axis / np.linalg.norm(axis)).as_matrix()
+    spun = replace(targets, axes={**targets.axes, "left_sole": turn @ targets.axes["left_sole"]})
+    tracker = Tracker(g1, Stacks(g1, found, body, 1.0 / targets.fps, flat=True), spun)
+    q = g1.home.copy()
+    q[:2] = targets.places["pelvis"][frame, :2]
+    state = g1.state(tracker.settle(q, frame))
+    for hand in (tracker.stacks.points[f"{side}_hand"] for side in SIDES):
+        assert np.linalg.norm(hand.error(state, targets.places[hand.name][frame])) < 1e-3

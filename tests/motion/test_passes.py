@@ -24,8 +24,8 @@ from tests.scenes.clips import bend
 
 from .people import walk
 
-ORDER = {False: (("toe",), ("hand",), ("sole",), ("torso",)), True: (("toe", "sole"), ("hand",), ("torso",))}
-"""Parts by level, first the most important, without and with flat soles."""
+ORDER = "toe", "hand", "sole", "torso"
+"""Parts by level, first the most important."""
 
 
 @cache
@@ -41,14 +41,14 @@ def tracker_of(motion: Any, flat: bool = False) -> Tracker:
     return Tracker(robot, Stacks(robot, found, body, 1.0 / targets.fps, flat=flat), targets)
 
 
-def losses(track: Tracker, errors: Any, flat: bool) -> list[float]:
+def losses(track: Tracker, errors: Any) -> list[float]:
     """Errors beyond 1 that last for a tenth of a second, by level, frame by frame."""
     names = [task.name for level in track.stacks.judged for task in level]
     found = []
-    for parts in ORDER[flat]:
+    for part in ORDER:
         found.append(0.0)
         for k, name in enumerate(names):
-            if not any(part in name for part in parts):
+            if part not in name:
                 continue
             for i, error in enumerate(errors[:, k]):
                 first, last = i, i
@@ -77,8 +77,8 @@ def test_no_pass_is_chosen_that_is_worse_on_a_higher_level(flat: bool) -> None:
     rng, track, nothing = np.random.default_rng(5), tracker(flat), Pass(np.zeros((1, 1)), np.zeros((1, 1)), [])
     for _ in range(100):
         found = [Judged(nothing, drawn(rng, 40)) for _ in range(4)]
-        chosen = losses(track, best(track, found).errors, flat)
-        for other in (losses(track, each.errors, flat) for each in found):
+        chosen = losses(track, best(track, found).errors)
+        for other in (losses(track, each.errors) for each in found):
             first = next((k for k in range(len(chosen)) if abs(chosen[k] - other[k]) > 1e-9), None)
             assert first is None or chosen[first] < other[first]
 
@@ -98,9 +98,9 @@ def test_the_choice_of_a_motion_keeps_the_order(monkeypatch: pytest.MonkeyPatch)
 
         monkeypatch.setattr(anchored, name, kept)
     track = tracker_of(bend(np.random.default_rng(7)))
-    chosen = losses(track, track.errors(solved(track).q), flat=False)
+    chosen = losses(track, track.errors(solved(track).q))
     assert len(made) > 3
-    assert chosen == pytest.approx(min(losses(track, track.errors(each.motion.q), flat=False) for each in made))
+    assert chosen == pytest.approx(min(losses(track, track.errors(each.motion.q)) for each in made))
 
 
 def test_a_way_through_all_passes_loses_least() -> None:
