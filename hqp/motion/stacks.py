@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from hqp.declare.law import P
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Level, Stack
 from hqp.errors import ModelError
+from hqp.robots.knees import knee
 from hqp.tasks import AlignAxis, CollisionAvoidance, Com, JointLimits, Orientation, Pose, Position, Posture, Within
 
 from .body import Body
@@ -121,6 +123,7 @@ class Stacks:
         self.reaching = 1 + next(k for k, level in enumerate(self.judged) if self.points["left_hand"] in level)
         """Number of judged levels down to that of the hands."""
         self._subject_to = self._limits(0.5 / dt, collision)
+        self._straight = self._knees(0.5 / dt)
 
     def _limits(self, rate: float, collision: bool) -> list[Element]:
         found: list[Element] = [JointLimits(acceleration=0.0, braking=0.0)]
@@ -144,6 +147,25 @@ class Stacks:
                         **given,
                     )
                 )
+        return found
+
+    def _knees(self, rate: float) -> list[Element]:
+        """Bounds that keep knees on the side of a straight leg to which they bend farther.
+
+        On the other side a leg that is to get shorter stretches its knee further into its limit, and stays there.
+        """
+        robot = self.robot
+        found: list[Element] = []
+        moved = np.array([robot.support(robot.frame(self.frames[f"{side}_sole"])) for side in SIDES], dtype=bool)
+        for side, own in zip(SIDES, moved & ~moved[::-1], strict=True):
+            leg = [name for name, column in zip(robot.joint_names, robot.actuated, strict=True) if own[column]]
+            name, bend = knee(robot, leg, robot.home)
+            column = int(robot.joints([name])[0])
+            straight = float(robot.state(robot.home).angles[column]) - bend
+            folds = robot.upper[column] - straight > straight - robot.lower[column]
+            task = Posture(joints=(name,), name=f"{side}_knee_angle")
+            low, high = (straight, None) if folds else (None, straight)
+            found.append(Within(task, lower=low, upper=high, rate=rate, recovery=RECOVERY, name=f"{side}_straight"))
         return found
 
     def without_collision(self) -> Stacks:
@@ -211,11 +233,11 @@ class Stacks:
         kept = {name: levels[name] for name in ("stance", "ground", "swing")}
         turns = [*levels["soles"], self.torso, self.hips]
         body = [self.com_height, *levels["hands"], *turns, replace(self.joints, weight=JOINTS)]
-        return self._stack(kept | {"com": [self.com], "body": body})
+        return self._stack(kept | {"com": [self.com], "body": body}, limits=self._straight)
 
-    def _stack(self, levels: dict[str, list[Any]], *below: Level) -> Stack:
+    def _stack(self, levels: dict[str, list[Any]], *below: Level, limits: Sequence[Element] = ()) -> Stack:
         declared = (Level(*tasks, name=name) for name, tasks in levels.items() if tasks)
-        return Stack(*declared, *below, subject_to=self._subject_to)
+        return Stack(*declared, *below, subject_to=[*self._subject_to, *limits])
 
     def _levels(self, standing: Standing, *, turned: bool = False) -> dict[str, list[Any]]:
         """Tasks by level, first the most important.  turned: true to adapt the yaw of standing feet."""

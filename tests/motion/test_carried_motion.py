@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -21,17 +22,20 @@ from hqp.motion.skeleton_map import find_map
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import targets_of
 from hqp.motion.tracker import Tracker
+from hqp.robots.knees import knee
 from hqp.tasks.support_polygon import hull
 from hqp.walking.feet import Foot, feet_of
 from tests.scenes.clips import KINDS
 
-from .people import walk
+from .people import stand, walk
 
 ROUNDING = 1e-9
 """Noise of the person's places [m]: far below any marker's."""
 
 HOPS = ("jumping jacks", "jump", "hop")
 """Kinds of clips with flights: a clip that ends in the air leaves the foot that lands to rounding."""
+
+LEG = re.compile("hip|knee|ankle")
 
 DRAWN = [("squat", 0), *(pytest.param(kind, 1, marks=pytest.mark.slow) for kind in KINDS)]
 
@@ -116,3 +120,21 @@ def test_a_foot_spun_in_the_air_leaves_the_hands_alone(seed: int, g1: hqp.robots
     state = g1.state(tracker.settle(q, frame))
     for hand in (tracker.stacks.points[f"{side}_hand"] for side in SIDES):
         assert np.linalg.norm(hand.error(state, targets.places[hand.name][frame])) < 1e-3
+
+
+@pytest.mark.parametrize("seed", [7, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 4, 5))])
+def test_no_knee_bends_beyond_a_straight_leg(seed: int, g1: hqp.robots.Robot) -> None:
+    """A person whose hips rise on straight legs before a foot lifts; G1's knees bend 0.09 rad beyond theirs."""
+    rng, motion = np.random.default_rng(seed), stand(2.4, fps=60.0)
+    times, places = np.arange(len(motion)) / 60.0, motion.positions.copy()
+    rise, up = rng.uniform(0.03, 0.1), rng.uniform(0.15, 0.35)
+    way = np.array([rng.uniform(-0.2, 0.3), rng.uniform(-0.05, 0.15), up])
+    feet = [i for i, name in enumerate(motion.names) if "Foot" in name or "Toe" in name]
+    body = [i for i in range(len(motion.names)) if i not in feet]
+    left = [i for i in feet if "Left" in motion.names[i]]
+    places[:, body, 2] += rise * np.interp(times, [0.4, 0.9], [0.0, 1.0])[:, None]
+    places[:, left] += (np.interp(times, [1.1, 1.1 + rng.uniform(0.15, 0.4)], [0.0, 1.0])[:, None] * way)[:, None]
+    found = retarget(Motion(motion.names, places, motion.fps, motion.parents), g1, dynamics=True)
+    for side in SIDES:
+        leg = [name for name in g1.joint_names if name.startswith(side) and LEG.search(name)]
+        assert min(knee(g1, leg, q)[1] for q in found.q[::4]) > -1e-3
