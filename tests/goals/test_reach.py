@@ -45,7 +45,7 @@ def reachable(robot: Any, frames: tuple[str, ...], count: int) -> list[list[Any]
     return found
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "g1"])
+@pytest.mark.parametrize("name", ["ur5", "panda", pytest.param("g1", marks=pytest.mark.slow)])
 def test_random_reachable_poses_are_reached(name: str) -> None:
     robot, frames = load(name), TOOLS[name]
     hands = [Pose(frame=f) for f in frames]

@@ -29,7 +29,7 @@ def made(robot: Any) -> Walker:
     return Walker(robot.copy(), dt=DT, deadline=math.inf)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_batch_walks_with_the_bits_of_single_walkers(robot: Any, threads: int, tmp_path: Path) -> None:
     """They walk, stop and are halted; states are those of their own models, loads of their own feet."""
     singles = [made(robot) for _ in COMMANDS]
