@@ -112,14 +112,3 @@ def base_of(robot: Any) -> str:
 def upper(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:
     """Names of the joints with motors of no leg."""
     return tuple(name for name in robot.joint_names if all(name not in foot.leg for foot in feet))
-
-
-def swung(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:
-    """Those of ``upper`` that move more mass than a foot has, as waist, neck and arms do, and fingers do not."""
-    model = robot.model
-
-    def moved(name: str) -> float:
-        return sum(float(model.inertias[body].mass) for body in model.subtrees[robot.subtree(name)])
-
-    foot = min(moved(foot.leg[-1]) for foot in feet)
-    return tuple(name for name in upper(robot, feet) if moved(name) > foot)

@@ -25,7 +25,7 @@ from hqp.tasks import (
     TorqueLimits,
 )
 from hqp.tasks.polygons import shrunk
-from hqp.walking.feet import Foot, base_of, swung, upper
+from hqp.walking.feet import Foot, base_of, upper
 from hqp.walking.knees import bent
 
 BOTH = "both"
@@ -36,12 +36,6 @@ EDGE = 0.005
 
 FIRM = 4.0
 """Weight of the balance beside trunk and swing foot: at 1 the foot of a long step pushes the body off its course."""
-
-LIMBS = 0.03
-"""Weight of waist, neck and arms beside trunk and swing foot: on a level below they are thrown while a sole's edge
-bounds the body, and pulled back in the tick that frees it, by 67 N m on CBi; at 0.1 they do not help enough, and G1
-falls on tiles in 3 of 4 runs.
-"""
 
 HASTE = Price(0.03)
 """Price of the body level: the gains alone would set a price at which a swing foot lags during its half second."""
@@ -65,12 +59,11 @@ class Laws:
 class Stacks:
     """Stack of a walk, with phases by standing feet: ``both``, ``left`` or ``right``.
 
-        knees > swing, balance, height, trunk, limbs, legs > posture > load share
+        knees > swing, balance, height, trunk, legs > posture > load share
         s.t. contacts, torques, joints, friction, soles
 
     If a sole or the friction bounds one level, each of its tasks yields a little: in an order the last of them is
-    thrown about for the others' angular momentum.  limbs: posture of the joints above the legs that move more mass than
-    a foot has; posture: that of the others.  legs: joints with which a leg of more than six turns between its
+    thrown about for the others' angular momentum.  legs: joints with which a leg of more than six turns between its
     ends; on a level below they bent a knee at its limit by next to nothing at 900 rad/s^2, and CBi's torques changed by
     200 N m in a tick.
 
@@ -94,10 +87,6 @@ class Stacks:
         self.height = Com(axes="z", law=laws.height, name="height")
         self.trunk = Orientation(frame=base_of(robot), law=laws.trunk, name="trunk")
         self.posture = Posture(joints=rest, law=laws.posture) if rest else None
-        """All joints above the legs."""
-        heavy = swung(robot, feet)
-        light = tuple(name for name in rest if name not in heavy)
-        self.limbs = Posture(joints=heavy, law=laws.posture, name="limbs", weight=LIMBS) if heavy else None
         spare = [name for foot in feet for name in redundant(robot, foot, start)]
         self.legs = Posture(joints=spare, law=laws.posture, name="legs") if spare else None
         self.share = LoadShare(contacts=names, when=BOTH)
@@ -112,9 +101,9 @@ class Stacks:
         for foot in feet:
             within.append(FrictionCone(contact=foot.name, mu=friction, sole=foot.rectangle))
             within.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
-        postures = [Level(Posture(joints=light, law=laws.posture), name="posture")] if light else []
-        joints = [part for part in (self.limbs, self.legs) if part is not None]
-        body = Level(*self.swing, self.balance, self.height, self.trunk, *joints, name="body", price=HASTE)
+        postures = [] if self.posture is None else [Level(self.posture, name="posture")]
+        swivel = [] if self.legs is None else [self.legs]
+        body = Level(*self.swing, self.balance, self.height, self.trunk, *swivel, name="body", price=HASTE)
         self.knees = bent(robot, feet, start)
         self.stack = Stack(
             Level(self.knees, name="knees"), body, *postures, Level(self.share, name="share"), subject_to=within
