@@ -54,8 +54,8 @@ class Stacks:
 
     Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest, which is
     within all limits), their heights and the lateral lines that they roll about, moving feet, hands, the tilt of soles,
-    trunk, limbs, posture.  flat: standing soles are flat, above the hands.  Soles in the air turn below them: a person
-    who spins a foot would throw the robot's hips about.
+    trunk, limbs, posture.  flat: standing soles are flat, above the hands.  Soles in the air turn below them: a
+    foot that spins would throw the robot's hips about.
     """
 
     def __init__(

@@ -51,7 +51,7 @@ class Certificate:
     the active rows, relative to the row's length, or the gradient there, divided by the sum of the row pulls that the
     face cannot meet: errors in directions that only short rows determine show as well.  A row above that this step
     reaches before it reduces a row by the tolerance is active, if it is no farther than the completion may exceed it;
-    what the step moves along directions that the choice among optima has does not count.
+    its part along directions that the choice among optima has does not count.
     norms: ``(levels,)``, ||w_k||.
     ranks: ``(levels + 1,)``, directions that each level fixed.  multipliers: per level k ``(m_0 +... + m_k,)``, as in
     Solution.multipliers.  rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made
@@ -106,7 +106,7 @@ def certificate(
     def judged(at: Vec) -> Certificate:
         return _priced(problem, at, tolerance, stages, settled) if problem.priced else _exact(problem, at, tolerance)
 
-    points = choice.within()  # each has what the levels determine of x: one that passes is a proof
+    points = choice.within()  # equal to x in all directions that levels determine: one that passes is a proof
     found = judged(next(points))
     for at in points:
         if found.ok:

@@ -164,7 +164,7 @@ class ActiveSet {
     return found;
   }
 
-  // Return true if the judged search ended, though not at a point where nothing is left of a gradient.
+  // Return true if the judged search ended with a part of a gradient left.
   bool stalled() const { return judge_.gap > kActive; }
 
   // An optimum that rests on an unclear rank, or a stalled search, is uncertain, unless it is the point of the working
