@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
@@ -239,11 +239,7 @@ class Walker:
         The velocity changes by a bounded amount from step to step.  ``command`` is the nearest velocity that steps can
         follow, ``why`` has the reasons.  A session that is stopped stands.
         """
-        command = astuple(Command(forward, left, turn))
-        if why := self.session.stopping or self.session.stopped:
-            self._native.refuse(why)
-        else:
-            self._native.go(command)
+        self._order(self._native.go, astuple(Command(forward, left, turn)))
 
     def follow(self, footholds: Sequence[Foothold]) -> None:
         """Step on footholds in the world, LEFT and RIGHT in turn, then stand on the last two.
@@ -254,11 +250,14 @@ class Walker:
         has to go first, it steps in place.  A push moves footholds, the next ones stay.  A session that is stopped
         stands.  Raises DeclarationError for two of one foot in turn, and for numbers that are not finite.
         """
-        wanted = routed(footholds)
+        self._order(self._native.follow, routed(footholds))
+
+    def _order(self, order: Callable[[Any], None], given: Any) -> None:
+        """Give the native walker an order, unless the session is stopped."""
         if why := self.session.stopping or self.session.stopped:
             self._native.refuse(why)
         else:
-            self._native.follow(wanted)
+            order(given)
 
     def stop(self) -> None:
         """Come to stand with the feet side by side, over as many steps as it takes."""
