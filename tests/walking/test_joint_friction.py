@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 import hqp
 from hqp.robots.soles import feet
+from hqp.torque.joint_friction import JointFriction
 from hqp.walking import Walker, Walkers
 from hqp.walking.walker import _friction
 from tests.scenes.bipeds import biped
@@ -68,6 +70,14 @@ def test_a_batch_overcomes_friction_with_the_bits_of_a_single_walker(tmp_path: P
         tick = walker.step(walker.robot.state(q, v), (150.0, 150.0))
         found = batch.step(q[None], v[None], np.array([[150.0, 150.0]]))
         np.testing.assert_array_equal(found.commands[0], tick.command)
+
+
+@pytest.mark.parametrize(("constant", "value"), [("kSoon", JointFriction.SOON), ("kBreaks", JointFriction.BREAKS)])
+def test_the_native_law_has_the_numbers_of_the_readable_one(constant: str, value: float) -> None:
+    text = (Path(hqp.__file__).parent / "cpp" / "walking" / "joint_friction.hpp").read_text(encoding="utf-8")
+    found = re.search(rf"\b{constant} = ([0-9.e-]+)", text)
+    assert found is not None
+    assert float(found.group(1)) == value
 
 
 def test_motors_without_a_limit_overcome_all_friction(tmp_path: Path) -> None:
