@@ -77,7 +77,7 @@ def test_every_path_ends_at_the_minimum(seed: int, priced: bool) -> None:
 
 
 def test_rows_that_hold_a_level_count_wherever_the_wedge_is_judged() -> None:
-    """Rows opposed by 1e-6 to 1e-5: what is kept off them, or rounding of x, leaves 1e-5 of room between them.
+    """Rows opposed by 1e-6 to 1e-5: a point kept off them, or rounding of x, leaves 1e-5 of room between them.
 
     No certain answer is refused; one that is 1e-6 beside the task's solution is.
     """

@@ -9,20 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hqp.robots
 from hqp import Status
 from hqp.walking import Walker
-
-DT = 0.004
-
-
-@pytest.fixture(scope="module")
-def robot() -> Any:
-    return hqp.robots.load("g1", rotors=True)
-
-
-def made(robot: Any) -> Walker:
-    return Walker(robot.copy(), dt=DT, deadline=math.inf)
+from tests.scenes.walkers import DT, made
 
 
 def on_its_model(walker: Walker, loads: Any = lambda walker: None) -> Iterator[Any]:

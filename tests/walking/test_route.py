@@ -16,21 +16,11 @@ from hqp.walking import LEFT, RIGHT, Foothold, Walker, Walkers
 from hqp.walking.footsteps import rotation
 from hqp.walking.plan import _loads as loads
 from hqp.walking.plan import advance
-
-DT = 0.004
-
-
-@pytest.fixture(scope="module")
-def robot() -> Any:
-    return hqp.robots.load("g1", rotors=True)
-
-
-def made(robot: Any) -> Walker:
-    return Walker(robot.copy(), dt=DT, deadline=math.inf)
+from tests.scenes.walkers import DT, made
 
 
 def seen(one: Foothold, stance: Foothold) -> tuple[float, float, float, float]:
-    """Where a foothold is from the foot that stands: ahead, out, up [m], turned [rad]."""
+    """Place of a foothold from the foot that stands: ahead, out, up [m], turned [rad]."""
     x, y = rotation(-stance.yaw) @ (one.xy - stance.xy)
     return float(x), float(y if one.side == LEFT else -y), one.z - stance.z, wrapped(one.yaw - stance.yaw)
 

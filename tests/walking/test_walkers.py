@@ -9,24 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hqp
 from hqp import Status
 from hqp.errors import DeclarationError, HqpError
-from hqp.walking import Walker, Walkers
+from hqp.walking import Walkers
 from hqp.walking.plan import _loads as loads
 from hqp.walking.plan import advance
+from tests.scenes.walkers import DT, made
 
-DT = 0.004
 COMMANDS = ((0.2, 0.0, 0.0), (0.1, 0.03, 0.2), (9.0, 0.0, 0.0))
-
-
-@pytest.fixture(scope="module")
-def robot() -> Any:
-    return hqp.robots.load("g1", rotors=True)
-
-
-def made(robot: Any) -> Walker:
-    return Walker(robot.copy(), dt=DT, deadline=math.inf)
 
 
 @pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
