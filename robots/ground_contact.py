@@ -43,8 +43,8 @@ def watch(
 ) -> tuple[ContactReader, tuple[str, ...]]:
     """A reader of the contacts of frames, and their names.
 
-    A frame stands for its body and all that hangs on it, or where nothing of that has a shape that touches, for the
-    body that it is fixed to.  default: frames for None, those that touch nothing left out.
+    A frame stands for all links that are fixed to each other and to it, and for all that hangs on them.  default:
+    frames for None, those that touch nothing left out.
     Raises FrameNotFound, DeclarationError for a frame that can touch nothing, or two that would share their contacts.
     """
     shaped = np.zeros(model.nbody, dtype=bool)
@@ -54,8 +54,7 @@ def watch(
     bodies: dict[int, str] = {}
     for name in default if frames_given is None else frames_given:
         body = frames.body(name)
-        while not shaped[body] and body and not model.body_jntnum[body]:
-            body = int(model.body_parentid[body])
+        body = int(model.body_weldid[body]) or body
         if not shaped[body] or not body:
             if frames_given is None:
                 continue

@@ -62,8 +62,8 @@ class Plant:
     from command to motor [s].  armature: reflected rotor inertia by joint or group [kg m^2] in place of the default
     (our own models, and URDF files, which have no word for it: rotor inertia of the robot's model, else min(0.01,
     effort limit / 5000)) or the file's; ``plant.armature`` has the value of each joint.  imu: a frame of the root body.
-    watched: frames whose ground contact is measured, each with all that hangs on it, or on the link that it is fixed to
-    where there is no shape on itself; soles or wheels by default.  edit: changes the MjSpec before it is compiled
+    watched: frames whose ground contact is measured, each with the links that are fixed to its own and all that hangs
+    on them; soles or wheels by default.  edit: changes the MjSpec before it is compiled
     (payloads, other masses).  seed: seed of the sensors' noise.  Raises ModelError, JointNotFound, FrameNotFound,
     DeclarationError.
     """

@@ -15,6 +15,8 @@ import hqp.robots
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.robots.on_mujoco import Plant, Servo
 from hqp.robots.physical import LIGHT, make_physical
+from hqp.walking.feet import feet_of
+from hqp.walking.stance import standing
 
 DATA = Path(__file__).parents[1] / "data" / "mjcf"
 
@@ -147,14 +149,19 @@ def test_every_robot_of_the_catalogue_has_a_plant() -> None:
         assert np.all(np.isfinite(q)), name
 
 
-@pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
-def test_a_sole_without_shapes_bears_what_its_foot_bears(name: str) -> None:
-    """Talos' sole link has no shapes; its parent link has them: two feet on the ground bear the weight."""
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["talos", "icub", *(pytest.param(n, marks=pytest.mark.slow) for n in ("g1", "romeo"))])
+def test_a_sole_bears_what_all_links_fixed_to_it_bear(name: str) -> None:
+    """Talos' sole link has no shapes, its parent link has them; iCub's sole has shapes on two links fixed to each other:
+
+    two feet on the ground bear the weight.
+    """
     robot = hqp.robots.load(name)
-    plant = Plant(robot, watched=robot.landmarks["soles"], actuation="position", servo=Servo(other=1e3))
-    plant.reset(robot.home.copy())
+    plant = Plant(robot, watched=robot.landmarks["soles"], actuation="position", servo=Servo(other=3e3))
+    start = standing(robot, feet_of(robot), lower=0.05)
+    plant.reset(start)
     for _ in range(1000):
-        plant.step(robot.home[7:])
+        plant.step(start[7:])
     load = plant.contacts().load
     assert load.sum() == pytest.approx(9.81 * robot.mass, rel=0.02)
     assert load.min() > 0.3 * load.sum()
