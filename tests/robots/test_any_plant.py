@@ -152,10 +152,7 @@ def test_every_robot_of_the_catalogue_has_a_plant() -> None:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["talos", "icub", *(pytest.param(n, marks=pytest.mark.slow) for n in ("g1", "romeo"))])
 def test_a_sole_bears_what_all_links_fixed_to_it_bear(name: str) -> None:
-    """Talos' sole link has no shapes, its parent link has them; iCub's sole has shapes on two links fixed to each other:
-
-    two feet on the ground bear the weight.
-    """
+    """Two feet bear the weight: Talos' sole link has no shapes, its parent has; iCub's sole has shapes on two links."""
     robot = hqp.robots.load(name)
     plant = Plant(robot, watched=robot.landmarks["soles"], actuation="position", servo=Servo(other=3e3))
     start = standing(robot, feet_of(robot), lower=0.05)
