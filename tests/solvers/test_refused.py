@@ -98,6 +98,15 @@ def test_a_workspace_made_for_exact_levels_takes_no_prices(name: str) -> None:
         workspace.solve(problem(prices=PRICES))
 
 
+@pytest.mark.parametrize("of_stages", ["effort", "unpriced_met", "describe"])
+def test_stages_are_refused_before_a_problem_is_priced(of_stages: str) -> None:
+    workspace = Lexicographic().workspace(problem().shape)
+    found = workspace.solve(problem())
+    given = {"unpriced_met": (found.x,), "describe": (found.x, np.zeros(N + 5), np.zeros(N + 5, dtype=np.int8))}
+    with pytest.raises(ValueError, match="price a problem first"):
+        getattr(workspace.native, of_stages)(*given.get(of_stages, ()))  # type: ignore[attr-defined]
+
+
 def test_an_exact_problem_that_is_refilled_with_prices_is_refused() -> None:
     live = problem(prices=np.zeros(3))
     workspace = Lexicographic().workspace(live.shape)

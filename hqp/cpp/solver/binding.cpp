@@ -174,7 +174,7 @@ class Workspace final : public hqp::SolveCall {
     const nb::gil_scoped_release release;
     return core_.follow_from(from) >= 0;
   }
-  bool unpriced_met(const Vector& x) { return core_.stages().unpriced_met(sized(x, n_)); }
+  bool unpriced_met(const Vector& x) { return stages().unpriced_met(sized(x, n_)); }
   int prefix() const { return core_.prefix(); }
   double elapsed() const { return core_.elapsed(); }
   void without_multipliers() { core_.without_multipliers(); }
@@ -182,13 +182,14 @@ class Workspace final : public hqp::SolveCall {
   // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, whether the answer
   // depends on such, and whether that or an end is in doubt.
   nb::tuple effort() {
-    hqp::PricedStages& latest = core_.stages();
+    hqp::PricedStages& latest = stages();
     return nb::make_tuple(latest.iterations(), latest.ended(), latest.uncertain(), latest.undecided(),
                           latest.doubtful());
   }
   // slack (rows) and marks (rows) of x, as in Solution; return true if a constraint is violated.
   bool describe(const Vector& x, const Written& slack, const WrittenMarks& marks) {
     const std::size_t total = std::size_t(exact().total());
+    stages();
     return core_.describe(sized(x, n_), sized(slack, total), sized(marks, total));
   }
 
@@ -225,9 +226,9 @@ class Workspace final : public hqp::SolveCall {
     if (elements_ < 0) refuse("accounts() comes first");
     const std::size_t E = static_cast<std::size_t>(elements_), levels = priced_.size();
     double* const to = sized(out, 4 * E + levels * (E + 2));
-    core_.stages().account({core_.points().data(), sized(w, owner_.size()), owner_.data(), elements_,
-                            multipliers.size() ? multipliers.data() : nullptr, multipliers.size(), sized(x, n_), near_},
-                           to, to + 4 * E, to + 4 * E + levels * (E + 1));
+    stages().account({core_.points().data(), sized(w, owner_.size()), owner_.data(), elements_,
+                      multipliers.size() ? multipliers.data() : nullptr, multipliers.size(), sized(x, n_), near_},
+                     to, to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
   void reset(bool plain) {
@@ -269,6 +270,11 @@ class Workspace final : public hqp::SolveCall {
     return a.data();
   }
   hqp::BoundKernel& exact() { return core_.exact(); }
+
+  hqp::PricedStages& stages() {
+    if (!core_.bound()) refuse("price a problem first");
+    return core_.stages();
+  }
 
   void require_bound() const {
     if (!bound_) refuse("take a problem first");
