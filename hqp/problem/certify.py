@@ -16,6 +16,7 @@ Levels with a price, and those below one that is not met, are judged in stages o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -24,7 +25,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.problem import Hierarchy, Rows
-from hqp.problem.completion import Choice, unseen
+from hqp.problem.completion import Choice, metric_factor, unseen
 from hqp.problem.graded import Errors, is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.null_directions import without_rounding
@@ -50,8 +51,7 @@ class Certificate:
     length by more than 100 (see graded), the gap is the reduction of a row by the step to the best point on the face of
     the active rows, relative to the row's length, or the gradient there, divided by the sum of the row pulls that the
     face cannot meet: errors in directions that only short rows determine show as well.  A row above that this step
-    reaches before it reduces a row by the tolerance is active, if it is no farther than the completion may exceed it;
-    its part along directions that the choice among optima has does not count.
+    reaches before it reduces a row by the tolerance is active.
     norms: ``(levels,)``, ||w_k||.
     ranks: ``(levels + 1,)``, directions that each level fixed.  multipliers: per level k ``(m_0 +... + m_k,)``, as in
     Solution.multipliers.  rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made
@@ -101,10 +101,12 @@ def certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
     choice = Choice(problem, x)  # of the problem as given: it moves by 1e5 times an error of its directions
-    problem = without_rounding(problem)
+    given, problem = problem, without_rounding(problem)
 
     def judged(at: Vec) -> Certificate:
-        return _priced(problem, at, tolerance, stages, settled) if problem.priced else _exact(problem, at, tolerance)
+        if problem.priced:
+            return _priced(problem, at, tolerance, stages, settled, given)
+        return _exact(problem, at, tolerance)
 
     points = choice.within()  # equal to x in all directions that levels determine: one that passes is a proof
     found = judged(next(points))
@@ -138,12 +140,18 @@ def _exact(problem: Hierarchy, x: Vec, tolerance: float, stop: int | None = None
     return first
 
 
-def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool) -> Certificate:
-    """Above the first level that is not met the exact conditions at x; from there on, and of every price, stages."""
+def _priced(
+    problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool, given: Hierarchy
+) -> Certificate:
+    """Above the first level that is not met the exact conditions at x; from there on, and of every price, stages.
+
+    given: the problem with the rounding of its rows."""
     problem, count = _without_rounding_levels(problem), len(problem.levels)
     if stages is not None and stages.shape != (count, problem.n):
         raise ProblemError(f"certificate: stages must be {(count, problem.n)}, given {stages.shape}")
-    walk = Walk(problem, x, tolerance, stages, settled)
+    pairs = zip(given.levels, problem.levels, strict=True)
+    turned = np.concatenate([rows.dense(x.size) - clean.dense(x.size) for rows, clean in pairs])
+    walk = Walk(problem, x, tolerance, stages, settled, turned)
     found = list(walk)
     first = next((k for k, stage in enumerate(found) if stage.unmet), None)
     exact = _exact(problem.exact(), x, tolerance, first)
@@ -181,7 +189,7 @@ def _verdict(
 ) -> tuple[Certificate, bool]:
     """The certificate under one reading of locks and ranks; also return true if another reading of a rank is
     possible."""
-    judge = Judge(unseen(problem), tolerance, lock, rank)
+    judge = Judge(problem.n, tolerance, lock, rank)
     gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
     every = [row_lengths(A) for A in dense]
@@ -196,11 +204,11 @@ def _verdict(
         least = NULL_SPACE_ROUNDING * np.maximum(sizes, far * lengths)  # rounding, if less
         missed = np.where(np.abs(w) > least, w, 0.0)
         if is_graded(lengths, zero) and np.any(missed):
-            exact = Errors(np.zeros(rows.m), np.zeros(rows.m))
-            gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x, exact)
+            own = np.where(lengths > zero, lengths, 0.0)
+            gap, shares = judge.judge_graded(A, rows, missed, own, x, Errors.none(rows.m))
         else:
             counted, before = (missed != 0.0) | rows.equality, 0.0
-            pull, at = A.T @ missed, (A, missed, sizes, counted, x)
+            pull, at = A.T @ missed, (A, rows, missed, sizes, counted, x)
             gap, shares = judge.judge(pull, scale)
             fall = judge.fall(*at) if longest > 0.0 else 0.0
             if max(gap, fall) > tolerance + judge.rounding:
@@ -229,12 +237,23 @@ def completion_gap(problem: Hierarchy, x: Vec, judge: Judge) -> tuple[float, int
     """Gap of min (x - origin)' metric (x - origin), then of min ||x|| where levels see what the metric leaves."""
     offset = x if problem.origin is None else x - problem.origin
     size = 1.0 + float(np.abs(x).max(initial=0.0)) + float(np.abs(offset).max(initial=0.0))
+    before, gap, unit = judge.Z.shape[1], 0.0, np.eye(problem.n)
     if problem.metric is None:
-        return judge.judge(offset, size)[0], judge.Z.shape[1]
-    longest = longest_row(problem.metric)
-    gap, _ = judge.judge(problem.metric @ offset, longest * size)
-    before = judge.Z.shape[1]
+        return _tie(judge, unit, offset, size, x), before
+    F, longest = metric_factor(problem.metric), longest_row(problem.metric)
     if longest > 0.0:
+        F /= math.sqrt(longest)
+        gap = _tie(judge, F[np.any(F, axis=1)], offset, size, x)
+        before = judge.Z.shape[1]
         judge.fix(problem.metric / longest)
     judge.fix(unseen(problem).T)
-    return max(gap, judge.judge(x, size)[0]), before - judge.Z.shape[1]
+    return max(gap, _tie(judge, unit, x, size, x)), before - judge.Z.shape[1]
+
+
+def _tie(judge: Judge, F: Mat, offset: Vec, size: float, x: Vec) -> float:
+    """Gap of min ||F offset||; rows that the best step reaches before it counts are active."""
+    gap, before = judge.judge(F.T @ (F @ offset), size)[0], 0.0
+    if gap > judge.tolerance + judge.choice_rounding:
+        before = judge.hold(F, F @ offset, row_lengths(F), x, np.zeros((0, x.size)))
+        gap = judge.judge(F.T @ (F @ offset), size)[0]
+    return max(gap, before)

@@ -254,7 +254,7 @@ class _Program:
         size = np.abs(v)
         size[:n] += RESTING * size[:n].max(initial=0.0)
         rows, sizes = self.T @ self.Z, np.maximum(np.abs(self.T) @ size + np.abs(self.t), 1e-150)
-        exact = Errors(np.zeros(w.size), np.zeros(w.size))
+        exact = Errors.none(w.size)
         found = pull(rows @ face.T, rows @ along.T, w, self.lengths, sizes, NULL_SPACE_ROUNDING / FLAT, exact)
         held, normals = np.zeros(side.size, dtype=bool), (cone @ along.T).T
         left = -found.along / max(found.size, 1e-300)

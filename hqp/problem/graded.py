@@ -33,10 +33,17 @@ class Pull:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Errors of rows, ``(m,)`` each: error of an entry on the face, and error of a slack."""
+    """Errors of rows, ``(m,)`` each: error of an entry on the face, error of a slack, and error of the row by which its
+    slack pulls."""
 
     entry: Vec
     slack: Vec
+    row: Vec
+
+    @staticmethod
+    def none(m: int) -> Errors:
+        """Exact rows."""
+        return Errors(*np.zeros((3, m)))
 
 
 def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: float, errors: Errors) -> Pull:
@@ -47,15 +54,19 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: 
     row, plus its pull for a slack of its size, plus ``rounding`` of either: rounding of a row of unit length, divided
     by the tolerance.  Rounding of entries pulls by the slack that the step leaves of the rows as they are given: the
     reflections mix rows, and a short one has what a long one leaves.  Entries within their error add no direction; a
-    slack within its error, or within the step that this pull makes of a row, is not taken away.
+    slack within its error, or within the step that this pull makes of a row, is not taken away, and one that errors of
+    the rows may balance stays.
     """
     found = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW, errors)
     T, order, rank = found.T, found.order, found.rank
-    left = lengths @ np.abs(slack + face @ found.step(face.shape[1]))
-    doubt = found.errors.slack[:rank] + NULL_SPACE_ROUNDING * left / np.abs(np.diagonal(T)[:rank])
-    taken = np.maximum(np.abs(T[:rank, -1]) - doubt, 0.0) / sizes[order[:rank]]
-    A, w = T[rank:, face.shape[1] : -1], T[rank:, -1]
-    size, own = sizes[order[rank:]], lengths[order[rank:]]
+    miss, steps = np.abs(slack + face @ found.step(face.shape[1])), T[:rank, -1]
+    left, pivots = lengths @ miss, np.abs(np.diagonal(T)[:rank])
+    rounded = found.errors.slack[:rank] + NULL_SPACE_ROUNDING * left / pivots
+    doubt = rounded + errors.row @ miss / pivots
+    taken = np.maximum(np.abs(steps) - doubt, 0.0) / sizes[order[:rank]]
+    stays = np.append(np.flatnonzero((np.abs(steps) > rounded) & (np.abs(steps) <= doubt)), np.arange(rank, len(T)))
+    A, w = T[stays, face.shape[1] : -1], T[stays, -1]
+    size, own = sizes[order[stays]], lengths[order[stays]]
     terms = np.linalg.norm(A, axis=1) @ (np.abs(w) + size) + rounding * (left + rounding * (own @ size))
     return Pull(A.T @ w, float(terms), float(taken.max(initial=0.0)))
 
@@ -63,7 +74,7 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, rounding: 
 def best_step(face: Mat, slack: Vec, lengths: Vec, least: float = FLAT_ROW) -> Vec:
     """argmin ||slack + face step||, the shortest of them, ``(f,)``; least: share of a row's length above which it adds
     a direction."""
-    none = Errors(np.zeros(slack.size), np.zeros(slack.size))
+    none = Errors.none(slack.size)
     return _sorted(face, slack[:, None], lengths, least, none).step(face.shape[1])
 
 
@@ -91,7 +102,7 @@ class _Reduced:
 def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float, errors: Errors) -> _Reduced:
     order = np.argsort(-lengths, kind="stable")
     T, own = np.concatenate([face, beside], axis=1)[order], lengths[order]
-    error = np.column_stack([errors.entry, errors.slack])[order]
+    error = np.column_stack([errors.entry, errors.slack, errors.row])[order]
     f, rank = face.shape[1], 0
     columns = np.arange(f)
     while True:

@@ -16,20 +16,15 @@ from hqp.tolerances import (
     NULL_SPACE_ROUNDING,
     RESTING,
     ROUNDED,
-    SOFTNESS,
 )
 
 
 class Judge:
     """Feasible directions below the levels above: a basis Z of the null space of fixed rows, and the active rows'
-    cone.
+    cone."""
 
-    unseen: ``(n, r)``, orthonormal, directions that are left to the choice among optima.
-    """
-
-    def __init__(self, unseen: Mat, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
-        n = len(unseen)
-        self.unseen, self.tolerance, self.lock, self.rank = unseen, tolerance, lock, rank
+    def __init__(self, n: int, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
+        self.tolerance, self.lock, self.rank = tolerance, lock, rank
         self.unclear = False  # a singular value may count as a direction or not
         self.shortest = 1.0  # singular value of a direction that was fixed
         self._forces = 0.0  # sum of the multipliers of the level just judged
@@ -75,7 +70,7 @@ class Judge:
         left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
         B = A[left] @ self.Z
         rounded = NULL_SPACE_ROUNDING * (np.abs(slack) + terms(A, x))
-        error = Errors(errors.entry[left], (rounded + errors.slack)[left])
+        error = Errors(errors.entry[left], (rounded + errors.slack)[left], errors.row[left])
         sizes, rounding = size * lengths[left], ROUNDED / self.tolerance
         parts, before = (slack[left], lengths[left], sizes, rounding, error), 0.0
 
@@ -109,7 +104,7 @@ class Judge:
 
     def hold(self, A: Mat, slack: Vec, lengths: Vec, x: Vec, own: Mat) -> float:
         """Count the rows above as active that the best step for ||slack|| reaches before it changes a row of A by the
-        tolerance.
+        tolerance, however far they are.
 
         Return the change until the last of them, relative to the row's length and x.  own: active rows of the level
         itself, of unit length.
@@ -119,7 +114,7 @@ class Judge:
             face = self._split(own)[1]
             step = face.T @ best_step(A @ self.Z @ face.T, slack, lengths)
             change = float((np.abs(A @ self.Z @ step) / (size * lengths)).max(initial=0.0))
-            row, share = self._first(self.Z @ step, size)
+            row, share = self._first(self.Z @ step)
             if row == 0 or changed + share * change > self.tolerance:
                 return changed
             changed += share * change
@@ -133,38 +128,41 @@ class Judge:
         along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
         return along, face
 
-    def _first(self, step: Vec, size: float) -> tuple[int, float]:
+    def _first(self, step: Vec) -> tuple[int, float]:
         """The first row that a step reaches, counted from one and negative at its lower bound, and the share of the
-        step until there; share one if there is none.
-
-        Rows count up to the distance by which the completion may exceed them, without its part along unseen directions.
-        """
-        slope, seen = self.unit @ step, max(float(np.linalg.norm(step - self.unseen @ (step @ self.unseen))), 1e-300)
+        step until there; share one if there is none."""
+        slope = self.unit @ step
         room = np.where(slope > 0.0, self.room[:, 1], self.room[:, 0])
-        near = (self.side == 0.0) & ~self.fixed & (room * seen <= SOFTNESS * size * np.abs(slope)) & (slope != 0.0)
-        shares = np.divide(room, np.abs(slope), out=np.ones(room.size), where=near)
-        k = int(np.argmin(shares)) if near.any() else 0
-        return (int(np.sign(slope[k])) * (k + 1), float(shares[k])) if near.any() and shares[k] < 1.0 else (0, 1.0)
+        meets = (self.side == 0.0) & ~self.fixed & (slope != 0.0)
+        shares = np.divide(room, np.abs(slope), out=np.ones(room.size), where=meets)
+        k = int(np.argmin(shares)) if shares.size else 0
+        return (int(np.sign(slope[k])) * (k + 1), float(shares[k])) if shares.size and shares[k] < 1.0 else (0, 1.0)
 
-    def fall(self, A: Mat, slack: Vec, sizes: Vec, counted: Mask, x: Vec) -> float:
+    def fall(self, A: Mat, rows: Rows, slack: Vec, sizes: Vec, counted: Mask, x: Vec) -> float:
         """Return the possible decrease of ||w|| along clear directions on the face of the active rows, relative to its
         terms.
 
         It counts beyond rounding and the tolerance of a row of the level's length; a gradient means little if the rows
-        are short in the null space of those above.  counted: rows that are equalities or violated.  sizes: their terms.
+        are short in the null space of those above.  counted: rows that are equalities or violated; a row that the step
+        leaves counts as well.  sizes: their terms.
         """
-        rows = A[counted] @ self.Z
-        if not rows.size:
-            return 0.0
-        longest = longest_row(A)
+        longest, value, counted, slack = longest_row(A), A @ x, counted.copy(), slack.copy()
         sigma, Vt = right_vectors(self.unit[(self.side != 0.0) & ~self.fixed] @ self.Z)
-        U, sigma, _ = np.linalg.svd(rows @ Vt[int(np.count_nonzero(sigma > self.rank)) :].T, full_matrices=False)
-        clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
-        reach = float(np.linalg.norm(U[:, clear].T @ slack[counted]))
+        face = A @ self.Z @ Vt[int(np.count_nonzero(sigma > self.rank)) :].T
         rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
         rest = longest * max(RESTING, float(np.abs(x).max(initial=0.0)))
-        reach -= (rounding + self.tolerance) * rest
-        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=rest, where=counted))
+        while True:
+            U, sigma, Vt = np.linalg.svd(face[counted], full_matrices=False)
+            clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
+            taken = U[:, clear].T @ slack[counted]
+            reach = max(float(np.linalg.norm(taken)) - (rounding + self.tolerance) * rest, 0.0)
+            end = value - face @ (Vt[clear].T @ (taken / sigma[clear]))
+            bound = np.clip(end, rows.lower, rows.upper)
+            left = ~counted & (end != bound)
+            if reach == 0.0 or not left.any():
+                return reach / float(np.max(np.abs(slack) + sizes, initial=rest, where=counted))
+            counted |= left
+            slack[left] = (value - bound)[left]
 
     def judge(
         self, gradient: Vec, scale: float, own: Index | None = None, normals: Mat | None = None

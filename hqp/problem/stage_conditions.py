@@ -60,15 +60,18 @@ class Stage:
 class Walk:
     """Yield the stages of a hierarchy from first to last, each below the results of those before it."""
 
-    def __init__(self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool) -> None:
+    def __init__(
+        self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool, turned: Mat | None = None
+    ) -> None:
         """x: the answer.  known: ``(levels, n)`` stage points, NaN if the reference solver is to find them, or with
-        ``settled`` if those of priced levels are believed to be x."""
+        ``settled`` if those of priced levels are believed to be x.  turned: ``(rows, n)``, the error of every row."""
         self._problem, self._x, self._tolerance, self._settled = problem, x, tolerance, settled
         self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
         self._at = Coordinates.of(problem.motion, problem.n)
         self._above, self._last = Above.none(problem.n), x
         self._start = np.zeros(x.size)  # of searches: a way from an answer far away would leave its rounding
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
+        self._turned = np.zeros((sum(rows.m for rows in problem.levels), x.size)) if turned is None else turned
 
     def __iter__(self) -> Iterator[Stage]:
         problem = self._problem
@@ -200,12 +203,14 @@ class Walk:
         own = row_lengths(rows.dense(n)) > self._zero
         parts = [Rows(rows.dense(n) * own[:, None], np.where(own, rows.lower, 0.0), np.where(own, rows.upper, 0.0))]
         seen, errors, unsure = [at.rows(parts[0].dense(n))], [at.error(parts[0].dense(n))], [np.zeros(rows.m)]
+        first = sum(level.m for level in self._problem.levels[:k])
+        turned = [row_lengths(at.rows(self._turned[first : first + rows.m]))]
         if price > 0.0:
             y = np.diag(at.inverse) if at.inverse.ndim == 1 else at.inverse[: at.moving]
             parts.append(_fixed_at(np.sqrt(counts) * y, at.still))
             seen.append(np.sqrt(counts) * np.eye(at.moving, n))
-            errors.append(np.zeros(at.moving))
-            unsure.append(np.zeros(at.moving))
+            for exact in (errors, unsure, turned):
+                exact.append(np.zeros(at.moving))
         for anchor in self._above.anchors:
             weight, turning = np.sqrt(counts / anchor.give), np.sqrt(counts) * anchor.turning
             A = weight * anchor.A
@@ -214,11 +219,12 @@ class Walk:
             seen += [at.rows(A), at.motion_rows(turning)]
             errors += [at.error(A), np.zeros(len(turning))]
             unsure += [np.zeros(len(A)), anchor.uncertain]
+            turned += [weight * row_lengths(at.rows(self._turned[anchor.places])), np.zeros(len(turning))]
         whole, T = stack_rows(parts, n), np.concatenate(seen)
         shift = whole.A @ at.still
         moved = Rows(T, whole.lower - shift, whole.upper - shift)
         slack, y = whole.slack(x), at.of_point(x)
-        known = Errors(np.concatenate(errors), np.concatenate(unsure) * np.abs(slack))
+        known = Errors(np.concatenate(errors), np.concatenate(unsure) * np.abs(slack), np.concatenate(turned))
         last = k + 1 == len(self._problem.levels)  # the completion has all that its stage ends with
         counted = None if price > 0.0 or last else rows.m  # others without a price hand down their rows' values alone
         gap, shares = judge.judge_graded(T, moved, slack, row_lengths(T), y, known, counted)
@@ -250,7 +256,7 @@ def _fixed_at(A: Mat, x: Vec) -> Rows:
 
 def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
     """The judge at a point of the set that the levels above leave."""
-    judge = Judge(np.zeros((x.size, 0)), tolerance, LOCK_TOLERANCE)
+    judge = Judge(x.size, tolerance, LOCK_TOLERANCE)
     raw = above.hard.dense(x.size)
     C, shift, y = at.rows(raw), raw @ at.still, at.of_point(x)
     lengths = row_lengths(C)

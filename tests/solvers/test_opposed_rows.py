@@ -12,8 +12,10 @@ from tests.scenes.priced import is_unsure
 from tests.scenes.stacks import scene
 
 
-@pytest.mark.parametrize("name", ["talos", "g1"])
-def test_torques_that_no_level_determines_are_one_answer(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "ticks"), [("talos", 34), ("g1", 34), ("romeo", 3), ("cbi", 6)])
+def test_torques_that_no_level_determines_are_one_answer(
+    name: str, ticks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The soles are rotated against each other by 1e-10 to 1e-6 rad, so that rows of their cones are nearly opposed.
 
     Certain answers agree to 1e-6. Answers of uncertain rank differ by up to 1e-4, in the motion. The certificate judges
@@ -27,7 +29,7 @@ def test_torques_that_no_level_determines_are_one_answer(name: str, monkeypatch:
     session, given = scene(name, "torque")
     robot, solver = session.robot, hqp.solvers.load("lexicographic")
     q, v = robot.home.copy(), np.zeros(robot.nv)
-    for i in range(34):
+    for i in range(ticks):
         tick = session.step(robot.state(q, v), *given(i))
         assert tick.status.solved, (i, tick.notes)
         if i % 3 != 0:  # two of three: halves the time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.problem.graded import Errors, pull
 from hqp.tolerances import FEASIBILITY_TOLERANCE, LARGEST_ROUNDING, NULL_SPACE_ROUNDING, ROUNDED
 from tests.scenes.priced import is_certain, is_unsure, priced_problem, solved_in_a_loop
+from tests.solvers.rational import optimum
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -54,9 +56,9 @@ def test_entries_within_their_error_add_no_direction(seed: int) -> None:
     errors = 1e-7 * lengths
     face = np.column_stack([A, errors * rng.uniform(-1.0, 1.0, m)])
     nothing = np.zeros((m, 0))
-    none = Errors(np.zeros(m), np.zeros(m))
+    none = Errors.none(m)
     clean = pull(A, nothing, slack, lengths, lengths, 0.0, none)
-    known = pull(face, nothing, slack, lengths, lengths, 0.0, Errors(errors, np.zeros(m)))
+    known = pull(face, nothing, slack, lengths, lengths, 0.0, Errors(errors, np.zeros(m), np.zeros(m)))
     assert known.taken < 10.0 * clean.taken + 1e-9
     assert pull(face, nothing, slack, lengths, lengths, 0.0, none).taken > 1e3 * known.taken
 
@@ -131,7 +133,7 @@ def test_rounding_of_entries_pulls_by_the_slack_of_the_rows_as_given(seed: int) 
     slack = rng.normal(size=m)
     Q = np.linalg.qr(face)[0]
     slack -= Q @ (Q.T @ slack)
-    none = Errors(np.zeros(m), np.zeros(m))
+    none = Errors.none(m)
     along = ROUNDED * lengths * np.sign(slack)
     found = pull(face, along[:, None], slack, lengths, lengths, ROUNDED / tolerance, none)
     assert 0.1 * tolerance < abs(found.along[0]) / found.size <= 1.001 * tolerance
@@ -145,7 +147,7 @@ def test_an_optimum_that_balances_rounding_of_long_rows_is_one(seed: int) -> Non
     lengths, slack = np.concatenate([long, short]), np.concatenate([rng.normal(size=2), rng.normal(size=12) * short])
     B = rng.normal(size=(12, free)) / np.sqrt(free) * short[:, None]
     rounding = 0.3 * NULL_SPACE_ROUNDING * long[:, None] * rng.uniform(-1.0, 1.0, (2, free)) / np.sqrt(free)
-    nothing, none = np.zeros((14, 0)), Errors(np.zeros(14), np.zeros(14))
+    nothing, none = np.zeros((14, 0)), Errors.none(14)
 
     def taken(times: float) -> float:
         """The share that the best step takes of a row that balances so much of the rounding."""
@@ -157,6 +159,27 @@ def test_an_optimum_that_balances_rounding_of_long_rows_is_one(seed: int) -> Non
 
     assert taken(1.0) == 0.0
     assert taken(1e6) > 1e-8
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_what_balances_a_known_error_of_rows_stays(seed: int) -> None:
+    """The slack is best with an error of long rows that is taken out before they are judged: the step back is none, and
+    the gradient along active rows is that without it."""
+    rng = np.random.default_rng(seed)
+    long, short = 10.0 ** rng.uniform(1.0, 3.0, 2), 10.0 ** rng.uniform(-6.5, -5.5, 12)
+    lengths, both = np.concatenate([long, short]), rng.normal(size=(12, 8)) / np.sqrt(8.0) * short[:, None]
+    error, none = 1e-12 * long[:, None] * rng.uniform(-0.1, 0.1, (2, 6)), np.zeros((2, 8))
+    slack = np.concatenate([rng.normal(size=2), rng.normal(size=12) * short])
+    left = np.linalg.qr(both)[0]
+    slack[2:] -= left @ (left.T @ slack[2:])
+    slack[2:] -= np.linalg.lstsq(both.T, np.append(error.T @ slack[:2], np.zeros(2)), rcond=None)[0]
+    parts = (*np.split(np.concatenate([none, both]), [6], axis=1), slack, lengths, lengths, ROUNDED / 1e-8)
+    row = np.append(1e-12 * long, np.zeros(12))
+    known = pull(*parts, replace(Errors.none(14), row=row))
+    assert known.taken == 0.0
+    exact = pull(*parts, Errors.none(14))
+    assert exact.taken > 1e-8
+    assert np.linalg.norm(known.along) < 0.1 * np.linalg.norm(exact.along)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -239,6 +262,86 @@ def test_active_rows_make_no_verdict_stricter() -> None:
         assert verdict.ok, f"{seed}: {verdict}"
         right += 1
     assert right > 100
+
+
+def test_a_row_that_the_best_step_leaves_stops_it() -> None:
+    """A row that misses by 1 sees 1e-7 to 1e-4 of a direction, far away, and rows of its level are at their bounds.
+
+    Those pull back at once: points within 1e-9 of the optimum in rational arithmetic pass, 1e-5 beyond they do not.
+    """
+    right = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        n, m = int(rng.integers(4, 6)), int(rng.integers(1, 3))
+        a, b = rng.normal(size=(2, n)), rng.normal(size=3)
+        far = np.stack([a[0], a[0] + 10.0 ** rng.uniform(-6.0, -3.0) * rng.normal(size=n), a[1]])
+        x = np.linalg.pinv(far) @ b
+        own = np.concatenate([a[1:] + 10.0 ** rng.uniform(-7.0, -4.0) * rng.normal(size=n), rng.normal(size=(m, n))])
+        goal, bounds = np.array([b[2] + 1.0]), own[1:] @ x
+        level = Rows(own, np.concatenate([goal, np.full(m, -np.inf)]), np.concatenate([goal, bounds]))
+        problem = Hierarchy((Rows(far, b, b), level), constraints=1)
+        best = optimum(*problem.levels, x)
+        if best is None or np.linalg.norm(x - best) > 1e-9 * np.linalg.norm(best):
+            continue
+        right += 1
+        assert certificate(problem, best, 1e-8).ok, seed
+        assert certificate(problem, x, 1e-8).ok, seed
+        beyond = (Z := np.linalg.svd(far)[2][3:]).T @ (Z @ own[1])
+        beyond *= 1e-5 * np.linalg.norm(x) / np.linalg.norm(beyond)
+        assert not certificate(problem, x + beyond, 1e-8).ok, seed
+    assert right > 40
+
+
+def test_rounding_of_a_point_far_away_frees_no_row_that_holds_the_completion() -> None:
+    """Rows take x 1e3 to 1e6 away, other variables are bounded by 1, and a metric chooses.
+
+    A point passes at 1e-11 of x from the optimum in rational arithmetic, off its bounds by as much, not at 1e-6.
+    """
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 7))
+        a, b, F = rng.normal(size=n), rng.normal(size=2), rng.normal(size=(n, n))
+        far = np.stack([a, a + 10.0 ** rng.uniform(-6.0, -3.0) * rng.normal(size=n)])
+        single = np.eye(n)[: int(rng.integers(1, n - 1))]
+        limit = rng.uniform(0.1, 2.0, len(single))
+        hard = Rows(np.concatenate([far, single]), np.concatenate([b, -limit]), np.concatenate([b, limit]))
+        problem = Hierarchy((hard,), constraints=1, metric=F.T @ F)
+        best = optimum(hard, Rows(F, np.zeros(n), np.zeros(n)), np.linalg.pinv(far) @ b)
+        assert best is not None
+        step = (Z := np.linalg.svd(far)[2][2:]).T @ rng.normal(size=len(Z))
+        step *= np.linalg.norm(best) / np.linalg.norm(step)
+        near = best + 1e-11 * step
+        near[: limit.size] = np.clip(near[: limit.size], -limit, limit)
+        assert certificate(problem, near, 1e-8).ok, seed
+        assert not certificate(problem, best + 1e-6 * step, 1e-8).ok, seed
+
+
+def test_a_direction_that_a_level_hardly_sees_may_end_anywhere() -> None:
+    """A level sees 1e-11 to 1e-5 of a direction that bounds hold, and its rows conflict along all others.
+
+    A point off the bound passes where the way to it changes no row by 1e-9, and fails where it changes one by 3e-8.
+    """
+    seen = {True: 0, False: 0}
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 7))
+        a, last, slight = np.append(rng.normal(size=n - 1), 0.0), np.eye(n)[-1], 10.0 ** rng.uniform(-11.0, -5.0)
+        A, b = np.stack([a / np.linalg.norm(a) + slight * last, a / np.linalg.norm(a)]), np.array([1.0, -1.0])
+        if seed % 2:  # a row so short that the level is judged row by row
+            A, b = (
+                np.vstack([A, np.append(rng.normal(size=n - 1), 0.0) * 10.0 ** rng.uniform(-4.0, -2.5)]),
+                [1.0, -1.0, 0.0],
+            )
+        x = np.append(np.zeros(n - 1), rng.uniform(-0.9, 0.9))
+        x += np.append(np.linalg.lstsq(A[:, :-1], b - A @ x, rcond=None)[0], 0.0)
+        bounds = Rows(Selection(np.arange(n)), -np.ones(n), np.ones(n))
+        rest = Rows(last[None], x[-1:], x[-1:])
+        problem = Hierarchy((bounds, Rows(A, b, b), rest), constraints=1)
+        change = slight * (1.0 - x[-1])
+        if change < 1e-9 or change > 3e-8:
+            assert certificate(problem, x, 1e-8).ok == (change < 1e-9), seed
+            seen[change < 1e-9] += 1
+    assert min(seen.values()) > 100
 
 
 def test_an_answer_that_rests_on_a_rank_near_either_reading_is_not_certain() -> None:

@@ -75,6 +75,7 @@ struct Conditions {
     arena.place(t_, n);
     arena.place(actives_, all);
     arena.place(own_, most);
+    arena.place(counts_, most);
   }
 
   void wire(const Table* of) {
@@ -163,6 +164,7 @@ struct Conditions {
       const int i = r - b.begin;
       double& miss = w[i] = t.kind[r] == kFree ? 0.0 : t.beyond(r, v[n + r]);
       if (std::fabs(miss) <= kRounding * terms[n + r]) miss = 0.0;  // rounding of its terms
+      counts_[i] = t.kind[r] == kEquality || miss != 0.0;
       sum = larger(sum, terms[n + r]);
       if (miss == 0.0) continue;
       square += miss * miss;
@@ -202,7 +204,7 @@ struct Conditions {
     }
   }
 
-  // The rows of level k that miss or are equalities, as least squares in the null space of fixed and kept rows; on
+  // The rows of level k that count, as least squares in the null space of fixed and kept rows; on
   // request, with their coefficients along the kept rows as further columns. Returns how many they are. The kept rows
   // stay in `null_space` until its rank is set back.
   int set_face(int k, const int* kept, int count, bool with_kept = false) {
@@ -211,7 +213,7 @@ struct Conditions {
     const int base = null_space.rank;
     int m = 0;
     for (int r = b.begin; r < b.end; ++r) {
-      if (!is_row(b, r) || is_active(n + r) || (t.kind[r] != kEquality && w[r - b.begin] == 0.0)) continue;
+      if (!is_row(b, r) || is_active(n + r) || !counts_[r - b.begin]) continue;
       projected(n + r);
       order[m++] = r;
     }
@@ -266,6 +268,7 @@ struct Conditions {
   double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
   double scale_ = 0.0, forces_ = 0.0;  // size of the present gradient; sum of its multipliers
   int *applied_ = nullptr, *list_ = nullptr, *actives_ = nullptr, *own_ = nullptr;
+  std::int8_t* counts_ = nullptr;  // (rows of a level,) equalities and rows that miss
 
   // A level's own inequalities at a bound, where that is nearer than a step that counts: their slack is arbitrary
   // within the step, so they have a multiplier like the open rows above.
@@ -320,21 +323,47 @@ struct Conditions {
   }
 
   // Return the possible decrease of level k along clear directions with the active rows kept, relative to its terms,
-  // beyond the tolerance of a row of its length: a gradient along short rows means little.
+  // beyond the tolerance of a row of its length: a gradient along short rows means little. Rows that the step leaves
+  // count as well.
   double fall(int k) {
     const Table& t = *table;
     const Block& b = t.block[k];
-    const int base = null_space.rank;
+    const double rounding = (kViolated + smaller(kTurned, kRounding / shortest)) * b.norm * t.largest(x);
     int count = 0;
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
-    const int m = set_face(k, actives_, count), f = null_space.freedom();
-    const double reach = f ? reduced.solve(m, f, larger(kClearDirection, kRounding / shortest)) : 0.0;
-    null_space.rank = base;
-    double most = 0.0;
-    for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));
-    const double rounding = (kViolated + smaller(kTurned, kRounding / shortest)) * b.norm * t.largest(x);
-    return reach > rounding ? (reach - rounding) / most : 0.0;
+    for (listed_ = 0;;) {
+      const int base = null_space.rank, m = set_face(k, actives_, count), f = null_space.freedom();
+      const double reach = f ? reduced.solve(m, f, larger(kClearDirection, kRounding / shortest)) : 0.0;
+      const bool more = reach > rounding && count_left(b, f);
+      null_space.rank = base;
+      if (more) continue;
+      double most = 0.0;
+      for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));
+      for (; listed_; --listed_) counts_[list_[listed_ - 1]] = 0, w[list_[listed_ - 1]] = 0.0;
+      return reach > rounding ? (reach - rounding) / most : 0.0;
+    }
+  }
+
+  // Count the rows of a level that the step of `reduced` leaves, with their distance to the bound as slack; return true
+  // if there are any.
+  bool count_left(const Block& b, int freedom) {
+    const Table& t = *table;
+    const int before = listed_;
+    for (int i = 0; i < n; ++i) t_[i] = i < n - freedom ? 0.0 : reduced.z[i - n + freedom];
+    null_space.lift(t_);
+    for (int r = b.begin; r < b.end; ++r) {
+      const int i = r - b.begin;
+      if (counts_[i] || !is_row(b, r)) continue;
+      const double change =
+          b.A ? dot_any(b.A + static_cast<std::ptrdiff_t>(i) * n, t_, n) : b.scale[i] * t_[b.index[i]];
+      const double out = t.beyond(r, v[n + r] + change);
+      if (out == 0.0) continue;
+      w[i] = v[n + r] - (out > 0.0 ? t.upper[r] : t.lower[r]);
+      counts_[i] = 1;
+      list_[listed_++] = i;
+    }
+    return listed_ > before;
   }
 
   // Row q as `projected` left it, in t_, with the reflections from `base` on; returns the length of their remainder.
