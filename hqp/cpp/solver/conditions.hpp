@@ -334,7 +334,8 @@ struct Conditions {
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     for (listed_ = 0;;) {
       const int base = null_space.rank, m = set_face(k, actives_, count), f = null_space.freedom();
-      const double reach = f ? reduced.solve(m, f, larger(kClearDirection, kRounding / shortest)) : 0.0;
+      const double lost = kRounding / shortest;
+      const double reach = f ? reduced.solve(m, f, lost, 0, b.norm * larger(kClearDirection, lost)) : 0.0;
       const bool more = reach > rounding && count_left(b, f);
       null_space.rank = base;
       if (more) continue;

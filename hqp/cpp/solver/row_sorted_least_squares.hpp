@@ -33,14 +33,14 @@ class RowSortedLeastSquares {
   }
 
   // min || B z - rhs || over m rows, f columns; `more` columns after them are reflected along. A row of which no more
-  // than `flat` is left adds no direction. Returns the length of the part of rhs that B z removes.
-  double solve(int m, int f, double flat, int more = 0) {
+  // than `flat` is left adds no direction, and columns up to the length `clear` none. Returns the length of the part of
+  // rhs that B z removes.
+  double solve(int m, int f, double flat, int more = 0, double clear = 0.0) {
     for (int j = 0; j < f; ++j) order_[j] = j;
     double reach = 0.0;
     for (rank_ = 0; rank_ < f; ++rank_) {
       if (flat > 0.0) m = put_flat_last(m, f, f + more, flat);
-      if (rank_ >= m) break;
-      take_longest_column(m, f);
+      if (rank_ >= m || !(take_longest_column(m, f) > clear * clear)) break;
       reflect_others(m, f + more);
       reach += rhs_[rank_] * rhs_[rank_];
     }
@@ -101,16 +101,19 @@ class RowSortedLeastSquares {
     return m;
   }
 
-  void take_longest_column(int m, int f) {
+  // Return the square of its length.
+  double take_longest_column(int m, int f) {
     int best = rank_;
     double most = -1.0;
     for (int j = rank_; j < f; ++j) {
       const double square = dot_any(column(j) + rank_, column(j) + rank_, m - rank_);
       if (square > most) most = square, best = j;
     }
-    if (best == rank_) return;
-    std::swap_ranges(column(rank_), column(rank_) + ld_, column(best));
-    std::swap(order_[rank_], order_[best]);
+    if (best != rank_) {
+      std::swap_ranges(column(rank_), column(rank_) + ld_, column(best));
+      std::swap(order_[rank_], order_[best]);
+    }
+    return most;
   }
 
   void reflect_others(int m, int columns) {
