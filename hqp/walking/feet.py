@@ -11,11 +11,15 @@ import numpy as np
 from hqp.angles import wrapped
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import yaw_of
-from hqp.tasks.polygons import rectangle_in
-from hqp.walking.footsteps import Foothold, rotation
+from hqp.tasks.polygons import rectangle_in, shrunk
+from hqp.walking.ankle import supporting
+from hqp.walking.footsteps import LEFT, Foothold, rotation
 
 if TYPE_CHECKING:
     from hqp.declare.robot import State
+
+EDGE = 0.005
+"""Margin of the ZMP to the edge of the support, beyond that of the centres of pressure [m]."""
 
 MARGIN, SHARE = 0.01, 0.3
 """Margin of the centre of pressure to the edge of a sole [m], and its limit as a share of the sole's half width."""
@@ -26,7 +30,8 @@ class Foot:
     """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m].
 
     yaw: angle from ahead to the frame's x axis at home [rad].  leg: names of the joints with motors that move this sole
-    and not the other one.
+    and not the other one.  support: corners of the part in which the ankle holds the ZMP.  aim: where the plan has the
+    ZMP, the middle unless that takes too much of the ankle's torque; why: then the reason.
     """
 
     frame: str
@@ -37,6 +42,9 @@ class Foot:
     margin: float
     yaw: float
     leg: tuple[str, ...]
+    support: tuple[tuple[float, float], ...]
+    aim: tuple[float, float]
+    why: str
 
     @property
     def name(self) -> str:
@@ -53,10 +61,22 @@ class Foot:
         """Width of the sole, across its way ahead [m]."""
         return float(np.ptp((np.array(self.corners) @ rotation(self.yaw).T)[:, 1]))
 
+    @property
+    def inwards(self) -> float:
+        """Distance from the middle to ``aim``, towards the other foot [m]."""
+        off = rotation(self.yaw) @ (np.array(self.middle) - self.aim)
+        return float(off[1]) if self.side == LEFT else -float(off[1])
+
+    @property
+    def half(self) -> float:
+        """Largest distance of the sole's inner corners ahead of ``aim`` or behind it [m]."""
+        inner = np.array(shrunk(shrunk(self.corners, self.margin), EDGE)) - self.aim
+        return float(np.max(np.abs(inner @ rotation(self.yaw)[0])))
+
     def placed(self, state: State) -> Foothold:
-        """Present foothold."""
+        """Present foothold, the place of ``aim``."""
         R, p = state.rotation(self.frame), state.position(self.frame)
-        x, y, z = p + R @ [*self.middle, 0.0]
+        x, y, z = p + R @ [*self.aim, 0.0]
         return Foothold(self.side, float(x), float(y), float(z), wrapped(yaw_of(R) - self.yaw))
 
 
@@ -82,7 +102,9 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         depth = sole_points(robot, frame)[0][2]
         margin = min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))
         yaw = yaw_of(axes.T @ home.rotation(frame))
-        feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw, legs[side]))
+        inner = shrunk(shrunk(corners, margin), EDGE)
+        held = supporting(robot, frame, legs[side], inner, (x, y))
+        feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw, legs[side], *held))
     return feet[0], feet[1]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +30,6 @@ from hqp.walking.knees import bent
 
 BOTH = "both"
 """The phase of two feet on the ground; the phase of one foot has its name."""
-
-EDGE = 0.005
-"""Margin of the ZMP to the edge of the support, beyond that of the centres of pressure [m]."""
 
 FIRM = 4.0
 """Weight of the balance beside trunk and swing foot: at 1 the foot of a long step pushes the body off its course."""
@@ -83,7 +80,18 @@ class Stacks:
     ) -> None:
         rest = upper(robot, feet)
         names = feet[0].name, feet[1].name
-        self.balance = Balance(law=laws.balance, margin=EDGE, height=height, weight=FIRM)
+        self.supports = {
+            phase: Balance(
+                law=laws.balance,
+                points=tuple((foot.frame, *corner, 0.0) for foot in on for corner in foot.support),
+                of=tuple(foot.name for foot in on for _ in foot.support),
+                height=height,
+                weight=FIRM,
+            )
+            for phase, on in ((BOTH, feet), *((foot.name, (foot,)) for foot in feet))
+        }
+        """The balance by phase, with the support that it has there."""
+        self.balance = self.supports[BOTH]
         self.height = Com(axes="z", law=laws.height, name="height")
         self.trunk = Orientation(frame=base_of(robot), law=laws.trunk, name="trunk")
         self.posture = Posture(joints=rest, law=laws.posture) if rest else None
@@ -108,11 +116,6 @@ class Stacks:
         self.stack = Stack(
             Level(self.knees, name="knees"), body, *postures, Level(self.share, name="share"), subject_to=within
         )
-        self.supports = {
-            phase: cast(Balance, replace(self.balance, contacts=on).among(tuple(self.stack)))
-            for phase, on in ((BOTH, names), *((name, (name,)) for name in names))
-        }
-        """The balance by phase, with the support that it has there."""
 
 
 def redundant(robot: Any, foot: Foot, start: Vec) -> list[str]:

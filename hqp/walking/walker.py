@@ -32,7 +32,7 @@ from hqp.walking.gait import Gait, Reach, check
 from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.preview import Ability
-from hqp.walking.stacks import BOTH, Laws, Stacks
+from hqp.walking.stacks import Laws, Stacks
 from hqp.walking.stance import standing
 
 TOUCH, TAKE = _session.Walker.TOUCH, _session.Walker.TAKE
@@ -109,7 +109,9 @@ class Walker:
         width = abs(float((one.turn.T @ (one.xy - other.xy))[1]))
         if reach is None:
             across = max(foot.breadth for foot in self.feet) + CLEAR
-            least = min(max(across, 0.5 * width), 0.7 * width)
+            nearer = self.feet[0].inwards + self.feet[1].inwards
+            apart = width + nearer
+            least = min(max(across, 0.5 * apart), 0.7 * apart) - nearer
             reach = Reach(forward=0.5 * self.height, least=least, most=width + 0.15 * self.height)
         self.footsteps = Footsteps(period=self.gait.period, width=width, reach=reach)
         self.ability = Ability(
@@ -143,18 +145,16 @@ class Walker:
         one, other = (foot.placed(home).yaw for foot in self.feet)
         upright = about_vertical(-one - 0.5 * wrapped(other - one)) @ home.rotation(self.stacks.trunk.frame)
         feet = feet_tree(robot, [foot.frame for foot in self.feet])
-        support: dict[str, list[tuple[float, float]]] = {foot.name: [] for foot in self.feet}
-        both = self.stacks.supports[BOTH]
-        for name, (_, x, y, _) in zip(both.of, both.points, strict=True):
-            support[name].append((float(x), float(y)))
         soles = [
-            {"frame": frame, "middle": foot.middle, "yaw": foot.yaw, "corners": support[foot.name]}
+            {"frame": frame, "middle": foot.aim, "yaw": foot.yaw, "corners": foot.support}
             for foot, frame in zip(self.feet, feet.pop("feet"), strict=True)
         ]
         return {
-            **feet, "soles": soles, "dt": self.dt, "gait": self.gait.numbers, "reach": astuple(self.footsteps.reach),
-            "planned": self.ability.reach.forward, "width": self.footsteps.width, "height": self.height,
-            "gravity": self.ability.gravity, "omega": self.omega, "pendulum": both.omega(home),
+            **feet, "soles": soles, "half": max(foot.half for foot in self.feet),
+            "why": [foot.why for foot in self.feet if foot.why], "dt": self.dt, "gait": self.gait.numbers,
+            "reach": astuple(self.footsteps.reach), "planned": self.ability.reach.forward,
+            "width": self.footsteps.width, "height": self.height, "gravity": self.ability.gravity,
+            "omega": self.omega, "pendulum": self.stacks.balance.omega(home),
             "start": self.start.tolist(), "elements": self._elements, "k": self._laws.balance.k,
             "weight": self.weight, "keeps": self._keeps, "upright": upright.ravel().tolist(),
             "steepest": STEEPEST * math.atan(self._declared["friction"]),
@@ -180,7 +180,7 @@ class Walker:
 
     @property
     def why(self) -> tuple[str, ...]:
-        """Reasons for each difference from the latest ``go`` or ``follow``."""
+        """Reasons for each difference from the latest ``go`` or ``follow``, for a ZMP beside the middle of a sole."""
         return tuple(self._native.why)
 
     @property

@@ -88,6 +88,8 @@ class Walker {
         k_(p.number("k")),
         weight_(p.number("weight")),
         steepest_(p.number("steepest")),
+        half_(p.number("half")),
+        aims_(p.texts("why")),
         rates_(std::size_t(p.integer("nv"))),
         observer_(turning(rates_.size()), p.number("keeps"), kNoise) {
     const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
@@ -107,9 +109,6 @@ class Walker {
       need(friction_.back().motor < limits_.size() && friction_.back().column < rates_.size(),
            "friction is that of a motor");
     }
-    for (const Sole& sole : soles_)
-      for (const Vec2& corner : sole.corners)
-        half_ = std::max(half_, std::fabs(turned(sole.yaw, corner - sole.middle).x));
     support_ = std::make_unique<Support>(biped_, soles_);
     paces_.reserve(Ability::kMost + 4), pieces_.reserve(kPieces);
   }
@@ -147,10 +146,10 @@ class Walker {
     state_.command = {}, state_.walking = false;
     end_route();
   }
-  // Reasons for each difference from the latest `go` or `follow`.
+  // Reasons for each difference from the latest `go` or `follow`, and for a ZMP beside the middle of a sole.
   std::vector<std::string> why() const {
     if (!refused_.empty()) return {"stopped (" + refused_ + "): call session.resume()"};
-    std::vector<std::string> found;
+    std::vector<std::string> found = aims_;
     for (const Limited& one : limited_) found.push_back(one.text());
     for (const Moved& one : moved_) found.push_back(one.text());
     return found;
@@ -564,7 +563,8 @@ class Walker {
     s.heavier = held(s.mean, 1.0 - kHeavier, 1.0 + kHeavier);
   }
 
-  double dt_, height_, omega_, pendulum_, k_, weight_, steepest_;
+  double dt_, height_, omega_, pendulum_, k_, weight_, steepest_, half_;  // half: half the length of a sole [m]
+  std::vector<std::string> aims_;  // reasons for a ZMP beside the middle of a sole
   std::vector<double> rates_;
   RateObserver observer_;
   Gait gait_{};
@@ -586,8 +586,8 @@ class Walker {
   std::vector<Limited> limited_;
   std::vector<Foothold> route_;  // footholds to step on, the next one at next_
   std::size_t next_ = 0;
-  int first_ = 1;                    // number of the first one, 0 for a step in place
-  double floor_ = 0.0, half_ = 0.0;  // height of the ground before the route; half the length of a sole [m]
+  int first_ = 1;       // number of the first one, 0 for a step in place
+  double floor_ = 0.0;  // height of the ground before the route [m]
   std::vector<Moved> moved_;
   std::string refused_;
 };
