@@ -112,7 +112,7 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     def once(before: Mat, reached: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
         plan, highest, legs = None, np.full(len(places), np.inf), _legs(tracker, before[nodes])
         supports = strong(tracker, places, before[nodes], stands[nodes], toes[nodes])
-        supports = unloading(supports, stands[nodes], toes[nodes], gravity * dt / LEAST[BOTH])
+        supports = shifting(supports, stands[nodes], 2.0 * gravity * dt / LEAST[BOTH])
         aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
             plan = centroidal_plan(
@@ -150,9 +150,28 @@ def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
         com[i] = state.com()
         momentum[i] = state.momentum_map()[0][3:5] @ v[i] / _mass(state)
     if len(q) > 12:
-        com, momentum = low_pass(com, LIVELY, fps), low_pass(momentum, LIVELY, fps)
+        edge = min(len(q) - 1, round(fps / LIVELY))  # the filter would end the CoM without acceleration
+        com, momentum = low_pass(prolonged(com, edge), LIVELY, fps)[edge:-edge], low_pass(momentum, LIVELY, fps)
     torque: Any = np.gradient(momentum, axis=0)
     return com, torque * fps
+
+
+def prolonged(values: Mat, frames: int) -> Mat:
+    """Values ``(T, 3)`` and so many frames more at both ends, with the second derivative of a cubic fitted there."""
+    k = np.arange(1, frames + 1)[:, None]
+
+    def before(part: Mat) -> Mat:
+        second = 2.0 * np.polyfit(np.arange(frames + 1), part[: frames + 1], 3)[1]
+        return np.asarray(2.0 * part[0] - part[1 : frames + 1] + second * k**2)
+
+    return np.vstack((before(values)[::-1], values, before(values[::-1])))
+
+
+def accelerated(places: Mat, fps: float) -> Mat:
+    """Accelerations of places ``(T, 3)``, at their ends too [m/s^2]."""
+    rate: Any = np.gradient(places, axis=0, edge_order=2)
+    found: Any = np.gradient(rate, axis=0, edge_order=2)
+    return np.asarray(found * fps**2)
 
 
 def supports_of(tracker: Tracker, q: Mat, stands: Mask, toes: Mask, *, margin: bool) -> list[Soles]:
@@ -194,15 +213,19 @@ def strong(tracker: Tracker, supports: list[Soles], q: Mat, stands: Mask, toes: 
     return found
 
 
-def unloading(supports: list[Soles], stands: Mask, toes: Mask, rate: float) -> list[Soles]:
-    """Fade the load of a sole on its toe until it lifts, by a rate [m/s^2] a node, the weight in ``LEAST``."""
-    found = [list(soles) for soles in supports]
+def shifting(supports: list[Soles], stands: Mask, rate: float) -> list[Soles]:
+    """Let the load of a sole grow from nothing once it has landed beside the other, and fade until it lifts.
+
+    rate [m/s^2] a node: twice the weight in ``LEAST`` holds the robot up while it changes feet.
+    """
+    found, both = [list(soles) for soles in supports], stands.all(axis=1)
     for k in range(len(SIDES)):
-        for first, last in runs(toes[:, k]):
-            for i in range(first, last):
-                own = int(stands[i, :k].sum())
-                sole = found[i][own]
-                found[i][own] = sole._replace(strength=min(sole.strength, rate * (last - 1 - i)))
+        for first, last in runs(stands[:, k]):
+            lands, lifts = first > 0 and stands[first - 1, 1 - k], last < len(stands) and stands[last, 1 - k]
+            for i in first + np.flatnonzero(both[first:last]):
+                since, left = i - first if lands else math.inf, last - 1 - i if lifts else math.inf
+                sole = found[i][k]
+                found[i][k] = sole._replace(strength=min(sole.strength, rate * min(since, left)))
     return [tuple(soles) for soles in found]
 
 
@@ -223,7 +246,7 @@ def zmp_outside(tracker: Tracker, q: Mat, stands: Mask, toes: Mask) -> Vec:
     """
     robot, fps = tracker.robot, tracker.targets.fps
     com, spin = centroidal(robot, q, fps)
-    acceleration = np.gradient(np.gradient(com, axis=0), axis=0) * fps**2
+    acceleration = accelerated(com, fps)
     found = np.full(len(q), np.nan)
     for i, soles in enumerate(supports_of(tracker, q, stands, toes, margin=False)):
         if soles:

@@ -31,6 +31,9 @@ BELOW = 10.0
 POSTURE = 1.0
 """Rate at which free joints move home [1/s]."""
 
+HEIGHT = 2.0
+"""Weight of a planned CoM's height beside hands and trunk: a body that falls faster than planned moves the ZMP."""
+
 JOINTS = 0.1
 """Weight of the joints beside hands, trunk and height of a planned CoM, which leave joints free."""
 
@@ -232,7 +235,7 @@ class Stacks:
         levels = self._levels(standing)
         kept = {name: levels[name] for name in ("stance", "ground", "swing")}
         turns = [*levels["soles"], self.torso, self.hips]
-        body = [self.com_height, *levels["hands"], *turns, replace(self.joints, weight=JOINTS)]
+        body = [replace(self.com_height, weight=HEIGHT), *levels["hands"], *turns, replace(self.joints, weight=JOINTS)]
         return self._stack(kept | {"com": [self.com], "body": body}, limits=self._straight)
 
     def _stack(self, levels: dict[str, list[Any]], *below: Level, limits: Sequence[Element] = ()) -> Stack:

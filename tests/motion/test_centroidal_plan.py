@@ -18,9 +18,10 @@ from hqp.motion import Retargeted, retarget
 from hqp.motion.body import Body
 from hqp.motion.centroidal import CentroidalPlan, Soles, Support, centroidal_plan, outside
 from hqp.motion.contacts import LEVEL, runs
-from hqp.motion.dynamics import front, strong, supports_of, unloading, zmp_outside
+from hqp.motion.dynamics import accelerated, centroidal, front, shifting, strong, supports_of, zmp_outside
 from hqp.motion.joints import parts_of
 from hqp.motion.schedule import (
+    BOTH,
     FLIGHT,
     LEAST,
     LEFT,
@@ -294,20 +295,62 @@ def test_a_motion_that_ends_in_a_step_may_stop_on_the_foot_in_the_air(seed: int)
     assert 0.03 < dcm < step + 0.03
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_toe_unloads_before_it_lifts(seed: int) -> None:
-    """Nothing in its last node, at most the rate more in each node before, no more than before; soles as before."""
-    rng = np.random.default_rng(seed)
-    stands = np.repeat(np.array([[1, 1], [0, 1], [1, 1], [1, 0]] * 3), rng.integers(6, 12, 12), axis=0) > 0
-    toes = heel_off(stands, np.ones(stands.shape, dtype=np.int8), 4)
-    own, rate = _square(0.0, 0.0, 0.1)._replace(strength=rng.uniform(5.0, 15.0)), rng.uniform(1.0, 4.0)
-    found = unloading([(own,) * int(on.sum()) for on in stands], stands, toes, rate)
-    for k in (0, 1):
-        left = 0
-        for i in range(len(stands) - 1, -1, -1):
-            left = left + 1 if toes[i, k] else 0
-            expected = min(own.strength, rate * (left - 1)) if left else own.strength
-            assert not stands[i, k] or found[i][int(stands[i, :k].sum())].strength == pytest.approx(expected)
+@pytest.mark.parametrize("seed", range(8))
+def test_a_load_changes_feet_without_a_jump(seed: int) -> None:
+    """Beside the other sole one bears nothing as it lands and as it lifts, and at most the rate more for each node in
+    between; alone, before and after flights, and at the ends of the motion, it is as strong as before.  Together they
+    hold the weight at all times.
+    """
+    rng, rate = np.random.default_rng(seed), 2.0 * G * DT / LEAST[BOTH]
+    states = [[1, 1]]
+    for _ in range(20):  # one sole changes at a time, or both in a flight
+        k, now = int(rng.integers(2)), states[-1]
+        flight = [1 - now[0], 1 - now[1]] if now[0] == now[1] and rng.random() < 0.3 else None
+        states.append(flight or ([int(j == k) for j in (0, 1)] if now[0] == now[1] else [1, 1]))
+    spans = rng.integers(round(LEAST[BOTH] / DT), 12, len(states))
+    stands = np.repeat(np.array(states), spans, axis=0) > 0
+    own = _square(0.0, 0.0, 0.1)._replace(strength=rng.uniform(15.0, 25.0))
+    found = shifting([(own,) * int(on.sum()) for on in stands], stands, rate)
+    for j, (first, last) in enumerate(itertools.pairwise(np.cumsum([0, *spans]))):
+        for i in range(first, last):
+            strengths = [sole.strength for sole in found[i]]
+            expected = [own.strength] * sum(states[j])
+            for k in range(2) if states[j] == [1, 1] else ():
+                if j > 0 and states[j - 1] == [int(side != k) for side in (0, 1)]:
+                    expected[k] = min(expected[k], rate * (i - first))
+                if j + 1 < len(states) and states[j + 1] == [int(side != k) for side in (0, 1)]:
+                    expected[k] = min(expected[k], rate * (last - 1 - i))
+            assert strengths == pytest.approx(expected)
+            assert not strengths or sum(strengths) >= G - 1e-9
+
+
+@pytest.mark.parametrize("toes", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_planned_zmp_is_on_the_old_sole_as_the_new_one_lands(seed: int, toes: bool) -> None:
+    """And on the new one as the old one lifts, on stairs."""
+    com, drawn, spin = _drawn(seed, rise=0.1, toes=toes)
+    supports: list[Soles] = [tuple(sorted(soles, key=lambda sole: -sole.corners[0, 1])) for soles in drawn]
+    stands = np.array([[any(sign * sole.corners[0, 1] > 0.0 for sole in soles) for sign in (1, -1)] for soles in drawn])
+    faded = shifting(supports, stands, 2.0 * G * DT / LEAST[BOTH])
+    plan = centroidal_plan(com, faded, DT, gravity=G, highest=np.full(len(com), np.inf), spin=spin)
+    changes = [i for i in range(1, len(drawn)) if len(drawn[i]) != len(drawn[i - 1])]
+    assert len(changes) == 7
+    for i in changes:
+        both, alone = (i, i - 1) if len(drawn[i]) == 2 else (i - 1, i)
+        normals, offsets = drawn[alone][0].edges
+        assert plan.outside[both] > 1e-4 or (normals @ plan.zmp[both] < offsets + 1e-3).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_body_that_accelerates_does_so_in_its_first_and_last_frame(seed: int, g1: hqp.robots.Robot) -> None:
+    """G1 moved along a drawn cubic; a point-reflecting filter ends without acceleration."""
+    rng, fps, frames = np.random.default_rng(seed), 120.0, int(np.random.default_rng(seed).integers(30, 90))
+    times: Any = np.arange(frames)[:, None] / fps
+    second, third = rng.normal(size=3), rng.normal(size=3)
+    q = np.repeat(g1.home[None], frames, axis=0)
+    q[:, :3] += rng.normal(size=3) * times + second * times**2 / 2.0 + third * times**3 / 6.0
+    com, _ = centroidal(g1, q, fps)
+    np.testing.assert_allclose(accelerated(com, fps), second + third * times, atol=0.02)
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
