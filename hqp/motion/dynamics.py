@@ -222,8 +222,8 @@ def shifting(supports: list[Soles], stands: Mask, rate: float) -> list[Soles]:
     for k in range(len(SIDES)):
         for first, last in runs(stands[:, k]):
             lands, lifts = first > 0 and stands[first - 1, 1 - k], last < len(stands) and stands[last, 1 - k]
-            for i in first + np.flatnonzero(both[first:last]):
-                since, left = i - first if lands else math.inf, last - 1 - i if lifts else math.inf
+            for i in (i for i in range(first, last) if both[i]):
+                since, left = float(i - first) if lands else math.inf, float(last - 1 - i) if lifts else math.inf
                 sole = found[i][k]
                 found[i][k] = sole._replace(strength=min(sole.strength, rate * min(since, left)))
     return [tuple(soles) for soles in found]
