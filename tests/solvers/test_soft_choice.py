@@ -13,7 +13,7 @@ from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Mat, Vec
 from hqp.problem.completion import Choice, allowed, chosen, unseen
 from hqp.tolerances import SOFTNESS
-from tests.scenes.priced import is_certain, is_unsure
+from tests.scenes.priced import is_certain, is_unsure, solved_in_a_loop
 
 N, FREE = 9, 3
 
@@ -90,6 +90,15 @@ def test_rows_that_hold_a_level_count_wherever_the_wedge_is_judged() -> None:
             moved = x + 1e-6 * (1.0 + float(np.abs(x).max())) * aside / np.linalg.norm(aside)
             assert not certificate(problem, chosen(problem, moved), 1e-8).ok, seed
     assert certain > 300
+
+
+def test_stages_begin_at_a_point_within_the_rows() -> None:
+    """From the soft minimum, beyond rows of narrow wedges, they would take 4828 steps."""
+    solver, steps = hqp.solvers.load("lexicographic"), 0
+    for seed in range(100):
+        problem, _ = wedge(seed, priced=True)
+        steps += solved_in_a_loop(solver, problem).stats.iterations
+    assert steps < 4200
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -11,6 +11,13 @@
 using namespace hqp;
 
 static int failures = 0;
+static long looks = 0;  // at the clock, which goes on by a nanosecond each
+
+extern "C" int clock_gettime(clockid_t, timespec* t) {
+  *t = {0, ++looks};
+  return 0;
+}
+
 static std::mt19937 engine(7);
 
 static double random_number() { return std::normal_distribution<double>()(engine); }
@@ -38,8 +45,7 @@ struct Placed : T {  // a part that lives in an arena
   }
 };
 
-static void null_space() {
-  const int n = 9, m = 5;
+static void null_space(int n, int m) {
   Placed<NullSpace> space(n);
   const auto A = random_vector(m * n);
   for (int i = 0; i < m; ++i) {
@@ -56,6 +62,16 @@ static void null_space() {
       small("null space: orthonormal", dot_any(a.data(), b.data(), n) - (j == k));
       for (int i = 0; i < m && k == j; ++i) small("null space: leaves a row", dot_any(a.data(), &A[i * n], n));
     }
+  for (int other = 0; other < 3; ++other) {  // the last row, then others in its place
+    const auto row = random_vector(n);
+    auto whole = row, tail = row, next = random_vector(n);
+    space.project(whole.data());
+    space.project_tail(tail.data());
+    for (int j = space.rank; j < n; ++j) small("null space: tail of a row", tail[j] - whole[j]);
+    --space.rank;
+    space.project(next.data());
+    space.add(next.data(), space.length(next.data()));
+  }
 }
 
 // Rows with given singular values: find them, with and without a gap, and drop the least.
@@ -464,7 +480,8 @@ static void rows_apart() {
   }
 }
 
-// Start at a vertex of nearly dependent rows, some missed by rounding: no row leaves, and the value does not rise.
+// Start at a vertex of nearly dependent rows, some missed by rounding: no row leaves, and the value does not rise. A
+// search that is cut again and again goes on where it ended.
 static void stage_search() {
   for (int trial = 0; trial < 300; ++trial) {
     const int n = 6, pairs = 4, m = 4, count = 2 * pairs + 2 * n, ld = padded(n);
@@ -506,8 +523,9 @@ static void stage_search() {
       return std::sqrt(square) + 0.5 * price * moved;
     };
     const double before = worth();
-    Deadline none;
-    StageSearch search(count, n, n, count + n, 1e-8, 1e-11, none);
+    const std::vector<double> start = y;
+    Deadline deadline;
+    StageSearch search(count, n, n, count + n, 1e-8, 1e-11, deadline);
     std::vector<int> working;
     int iterations = 0;
     const Aim aim{T.data(), t.data(), size.data(), ld, m, price};
@@ -517,11 +535,24 @@ static void stage_search() {
       const double value = rows[i].value(y.data(), y.data(), n);
       small("stage: row left", larger(larger(rows[i].lower - value, value - rows[i].upper), 0.0) / rows[i].size, 2e-9);
     }
+    const double least = worth();
+    std::vector<double> near;  // where a search that is cut after a few looks at the clock ended
+    working.clear();
+    int cuts = 0;
+    for (bool reached = false; !reached && cuts < 100; ++cuts) {
+      y = start;
+      deadline.start(20e-9);
+      reached = search.solve(rows, n, aim, y.data(), working, iterations, near);
+      near.assign(y.begin(), y.begin() + n);
+    }
+    small("stage: cut again and again", cuts == 100);
+    small("stage: value after cuts", worth() - least, 1e-6);
   }
 }
 
 int main() {
-  null_space();
+  null_space(9, 5);
+  null_space(24, 20);
   row_factor({1.0, 0.7, 0.3, 1e-8, 3e-11});
   row_factor({1.0, 1e-2, 1e-4, 5e-7, 1e-8, 2e-10});
   nonnegative_least_squares();
