@@ -292,7 +292,8 @@ def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat, shortest: 
         upper = np.concatenate([np.full(found.size, np.inf), most])
         lower = np.concatenate([np.zeros(found.size), -most])
         bounded = lsq_linear(*_weighted(columns, weights, left), (lower, upper), method="bvls", tol=ENDED).x
-        found, change = bounded[: found.size], bounded[found.size :] / most
+        if np.linalg.norm(left - columns @ bounded) < np.linalg.norm(rest):  # else it ended early
+            found, change = bounded[: found.size], bounded[found.size :] / most
     u = found[active.size :]
     return gradient + signed.T @ u + allowed.T @ change, float(np.linalg.norm(u))
 
