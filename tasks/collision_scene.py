@@ -20,7 +20,7 @@ from .collision_motion import FORESIGHT, Motions
 from .collision_pairs import SHORT, candidates
 from .collision_rows import Near, assign
 from .polytopes import at_least, nearest_feature, polytope, to_polytope
-from .touching import kept
+from .touching import KEPT, kept
 
 if TYPE_CHECKING:
     from .collision import CollisionAvoidance
@@ -87,9 +87,9 @@ class Scene:
             if two < self.links:
                 bodies = self.body(one), self.body(two)
                 pair = min(bodies), max(bodies)
-                if pair in lowered:
-                    clearance = lowered[pair]
-                    closer.setdefault(pair, f"{self.name(one)} - {self.name(two)} ({1e3 * clearance:g} mm)")
+                clearance = lowered.get(pair, clearance)
+                if clearance < KEPT * element.clearance:
+                    closer.setdefault(pair, f"{self.name(one)} - {self.name(two)} ({1e3 * clearance:.2g} mm)")
                 d = self.measure(k, declared, self._ends(one, home), self.placed(two, home))[0]
                 clearance = kept(clearance, d)
                 if d <= 0.0:

@@ -29,8 +29,10 @@ MOST = 0.5
 SPARED = 1.0 / 3.0
 """Otherwise it is needless if it excludes more than this share of the configurations with shapes apart; so are all rows
 of links whose shapes are apart in less than this share of the configurations."""
+PASSED = 0.2
+"""Share of the configurations with shapes apart in which two links may be nearer than their clearance."""
 HALVINGS = 3
-"""Times that the clearance of two links may be halved."""
+"""Times that this clearance of two links may be halved."""
 KEPT = 0.8
 """Share of their distance at home that two links keep at most."""
 SLACK = 1e-3
@@ -81,8 +83,9 @@ def may_touch(robot: Robot, capsules: tuple[LinkCapsule, ...], pairs: list[Pair]
     convex hulls take the place of its capsules, if they are apart from the capsules of the other link at home.  If
     they are not, or if the shapes touch in less than half of the configurations that they exclude, a few edges of
     either link's hulls, which the hulls of the other stay away from, take the place of all capsules, if the shapes
-    touch in more than a third of those that edges exclude.  If all of these are needless, the clearance of the two
-    links is halved, up to three times: links that pass each other closely by their design keep a smaller distance.
+    touch in more than a third of those that edges exclude.  Links that pass each other closely by their design keep the
+    distance below which they are in a fifth of the configurations with shapes apart.  If all rows are needless then,
+    this clearance of the two links is halved, up to three times.
 
     Configurations are drawn within the joint ranges; pairs that come near in fewer than 100 of 2000 count, unless their
     capsules overlap at home.  Shapes are those that capsules are fitted to; other capsules are the shapes themselves.
@@ -195,7 +198,7 @@ def _judged(
         if drawn.denied(those):
             unseparated.append(those[0])
             continue
-        for least in clearance * 0.5 ** np.arange(HALVINGS + 1 if clearance > 0.0 else 1):
+        for least in drawn.passing(those, clearance) * 0.5 ** np.arange(HALVINGS + 1 if clearance > 0.0 else 1):
             rows = [pair for pair in those if drawn.count(*pair, least)]
             if not drawn.escapes(those, rows, least):
                 break
@@ -357,6 +360,24 @@ class _Drawn:
             return True
         touching = float(np.mean([self.touch(i, j, n) for n in tried])) if tried else 0.0
         return touching > MOST or (home > 0.0 and touching > 0.0 and not needless(len(draws), touching))
+
+    def passing(self, pairs: list[Pair], clearance: float) -> float:
+        """Clearance [m] that two links keep in all but ``PASSED`` of the configurations with their shapes apart.
+
+        At most the given one; links that pass each other closely by design are mostly nearer.
+        """
+        every, near = len(self.middle[0]), np.unique(np.concatenate([self.near(*pair, clearance) for pair in pairs]))
+        if near.size <= PASSED * every:
+            return clearance
+        if self.shaped(*pairs[0]):
+            one, two = (self.hulls(own[0]) for own in _sides(self.capsules, pairs))
+            gaps = [self.gap_to(a, b, clearance, near) for a in one for b in two]
+        else:
+            gaps = [self.gap(*pair, near) for pair in pairs]
+        gap = np.min(gaps, axis=0)
+        apart = np.sort(gap[gap > 0.0])
+        least = int(PASSED * (every - near.size + apart.size))
+        return min(clearance, float(apart[least])) if least < apart.size else clearance
 
     def denied(self, pairs: list[Pair]) -> bool:
         """Return true if shapes of two links are apart at home, but in less than ``SPARED`` of all configurations."""
