@@ -492,7 +492,7 @@ class FeetEstimator:
 class RateObserver:
     """Rates of some columns without their noise, see ``estimation.RateObserver``."""
 
-    def __init__(self, columns: Sequence[int], nv: int, keeps: float) -> None: ...
+    def __init__(self, columns: Sequence[int], nv: int, keeps: float, most: float) -> None: ...
     def update(self, v: Vec) -> None:
         """Correct measured rates in place."""
 

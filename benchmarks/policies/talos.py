@@ -96,7 +96,9 @@ def motion(seed: int, reach: float | None) -> Motion:
     walker = Walker(other, dt=DT, deadline=math.inf)
     hands = tuple(robot.landmarks["palms"][:2])
     legs = tuple(name for name in robot.joint_names if name.startswith(("leg", "torso")))
-    declared = hqp.UpperBody(legs=legs, hands=hands, reach=reach or math.inf, joint_speed=2.5, output="torques")
+    declared = hqp.UpperBody(
+        legs=legs, hands=hands, reach=reach or math.inf, joint_speed=2.5, output="torques", bandwidth=30.0
+    )
     arms, found = declared.session(robot, DT * EVERY, deadline=math.inf), Motion()
     apart: Any = arms.session.stack.find("collision")
     judge, own = Shapes(robot, apart), robot.actuated

@@ -11,6 +11,9 @@ from hqp.arrays import Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 
+NOISE = 0.12
+"""Largest difference between an estimated rate and its measurement [rad/s]: what changes faster is no noise."""
+
 
 class RateObserver:
     """Rates of joints without their noise and without the lag of a low-pass filter, a Luenberger observer.
@@ -23,17 +26,18 @@ class RateObserver:
     measured.
 
     period [s].  bandwidth [1/s]: errors of v+, as after an impact, fade at this rate; above the gains of contacts, for
-    stability.  Raises DeclarationError for a bad period or bandwidth.
+    stability.  most [rad/s, m/s]: largest difference between estimate and measurement.
+    Raises DeclarationError for a bad period, bandwidth or difference.
     """
 
-    def __init__(self, robot: Robot, period: float, *, bandwidth: float = 100.0) -> None:
-        for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s")):
-            if not (math.isfinite(value) and value > 0.0):
+    def __init__(self, robot: Robot, period: float, *, bandwidth: float = 100.0, most: float = NOISE) -> None:
+        for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s"), ("most", most, "rad/s")):
+            if not (value > 0.0 and (math.isfinite(value) or what == "most")):
                 raise DeclarationError("observer", f"bad {what}", value=value, unit=unit, allowed="positive")
         from hqp import _session  # a package without compiled parts imports this room
 
         columns = [int(column) for column in robot.actuated]
-        self._native = _session.RateObserver(columns, robot.nv, math.exp(-bandwidth * period))
+        self._native = _session.RateObserver(columns, robot.nv, math.exp(-bandwidth * period), most)
 
     def update(self, v: Vec, tick: Any = None) -> Vec:
         """The estimate ``(nv,)`` [rad/s, m/s] from measured rates; tick: the last one, None for the first.
@@ -41,12 +45,23 @@ class RateObserver:
         Call it before the robot's next state.  A tick without a solution predicts no change; rates that are not finite
         are returned as they are and forgotten.
         """
-        found = np.array(v, dtype=np.float64)
-        if not np.isfinite(found).all():
-            return found
         if tick is None:
-            self._native.forget()
+            self.forget()
         elif tick.solution is not None:
-            self._native.expect(np.ascontiguousarray(tick.advance()[1]))
-        self._native.update(found)
+            self.expect(tick.advance()[1])
+        return self.correct(v)
+
+    def expect(self, v: Vec) -> None:
+        """Predict the next rates ``(nv,)``, as ``update`` does by a tick."""
+        self._native.expect(np.ascontiguousarray(v))
+
+    def correct(self, v: Vec) -> Vec:
+        """The estimate ``(nv,)`` from measured rates and those predicted, measured ones if none are."""
+        found = np.array(v, dtype=np.float64)
+        if np.isfinite(found).all():
+            self._native.update(found)
         return found
+
+    def forget(self) -> None:
+        """Predict nothing: the next estimate is as measured."""
+        self._native.forget()

@@ -16,6 +16,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
+from hqp.estimation import RateObserver
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
 from hqp.policies.acceleration import Acceleration
@@ -64,7 +65,8 @@ class UpperBody:
     torque is that of ``Torque``, so that limits and distances hold for the joints.  speed: largest of the hands [m/s].
     joint_speed: largest of the joints [rad/s], at most their limits.
     With torques base and legs keep their acceleration, by ``Acceleration`` unless a reference of ``legs`` has one, and
-    the friction that the robot's file has in its joints is overcome (``JointFriction``).
+    the friction that the robot's file has in its joints is overcome (``JointFriction``); with a bandwidth
+    [1/s] noise of measured rates above it does not reach the torques (``estimation.RateObserver``).
     Payloads: ``step`` takes the mass in each hand.  Raises DeclarationError for fields.
     """
 
@@ -81,6 +83,7 @@ class UpperBody:
     output: Output = "positions"
     kp: Gains | None = None
     kd: Gains | None = None
+    bandwidth: float = math.inf
 
     def __post_init__(self) -> None:
         if self.output not in ("positions", "velocities", "torques"):
@@ -89,7 +92,7 @@ class UpperBody:
             )
         if self.output == "positions" and (self.kp is None or self.kd is None):
             raise DeclarationError("UpperBody", "kp and kd", value=(self.kp, self.kd), allowed="gains of the servos")
-        for what in ("reach", "speed"):
+        for what in ("reach", "speed", "bandwidth"):
             value = getattr(self, what)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0.0:
                 raise DeclarationError("UpperBody", what, value=value, allowed="a number above 0")
@@ -230,6 +233,9 @@ class UpperBodySession:
         self._friction = JointFriction.of(self.robot, self.columns)
         self._rubbing: Any = stack.find("friction") if "friction" in stack else None
         self._planned: Vec = np.zeros(self.columns.size)
+        self._rates: RateObserver | None = None
+        if declared.output != "velocities" and math.isfinite(declared.bandwidth):
+            self._rates = RateObserver(self.robot, session.dt, bandwidth=declared.bandwidth)
         self._sent: tuple[Vec, Vec] | None = None
         self._home: Vec = self.robot.state(self.robot.home).angles[self.columns].copy()
 
@@ -252,6 +258,7 @@ class UpperBodySession:
         if not torque:
             state = self._commanded(state)
         else:
+            state = self._observed(state)
             if all(r.name != "legs" for r in references):
                 given.append(Reference("legs", self._still, None, self._acceleration.update(state)))
             given += self._rubbed(state)
@@ -262,9 +269,12 @@ class UpperBodySession:
             angles = angles + self.session.dt * v
         else:
             q, v = tick.advance()
+            if self._rates is not None:
+                self._rates.expect(v)
             angles, v = self.robot.state(q, v).angles[self.columns], v[self.columns]
         self._sent = (angles, v)
-        self._planned = np.zeros(v.size) if tick.refused else (v - state.v[self.columns]) / self.session.dt
+        planned = np.zeros(v.size) if tick.refused else (v - state.v[self.columns]) / self.session.dt
+        self._planned = self._planned + min(self.session.dt / JointFriction.SOON, 1.0) * (planned - self._planned)
         if not torque:
             return UpperBodyTick(angles, v, None, tick)
         tau = tick.command[self._motors]
@@ -303,6 +313,12 @@ class UpperBodySession:
             return [self._support.off()]
         return [self._support.at(polygon(state, self._feet, standing))]
 
+    def _observed(self, state: State) -> State:
+        """The state with rates of joints without their noise."""
+        if self._rates is None or not state.valid:
+            return state
+        return self.robot.state(state.q, self._rates.correct(state.v), time=state.time)
+
     def _rubbed(self, state: State) -> list[Reference]:
         """Reference of the friction that the torques overcome, at the rates that the last tick planned."""
         if self._rubbing is None or not state.valid:
@@ -332,6 +348,8 @@ class UpperBodySession:
         self._sent = None
         self._planned = np.zeros(self.columns.size)
         self._acceleration.begin()
+        if self._rates is not None:
+            self._rates.forget()
 
 
 __all__ = ["UpperBody", "UpperBodySession", "UpperBodyTick"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -328,6 +329,51 @@ def test_friction_of_the_file_is_overcome(seed: int, monkeypatch: pytest.MonkeyP
             for h, g in zip(arms.hands, goals, strict=True)
         )
     assert off[True] < 0.6 * off[False], off
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
+def test_noise_of_rates_reverses_no_torque(seed: int) -> None:
+    """Drawn ways of the hands of Talos in Pinocchio's dynamics with the friction of its file, rates off by 0.02 rad/s:
+
+    at most 10 reversals a second of a joint by more than 2 % of its limit, 10 N m a tick above those without noise.
+    """
+    robot, dt, ticks, hands = load("talos"), 0.004, 400, load("talos").landmarks["palms"][:2]
+    model, data = robot.model, robot.model.createData()
+    found = {}
+    for noise, bandwidth in ((0.0, 30.0), (0.02, 30.0), (0.02, math.inf)):
+        rng = np.random.default_rng(seed)
+        declared = UpperBody(legs=legs_of(robot), hands=hands, output="torques", joint_speed=2.5, bandwidth=bandwidth)
+        arms, ways = declared.session(robot, dt, deadline=math.inf), rng.uniform(-0.3, 0.3, (2, 3))
+        own, q, v, torques = arms.columns, robot.home.copy(), np.zeros(robot.nv), []
+        goals = [hand.value(robot.state(q)).copy() for hand in arms.hands]
+        most, viscous = dt * model.friction[own], model.damping[own]
+        for _ in range(ticks):
+            for goal, way in zip(goals, ways, strict=True):
+                goal[:3, 3] += dt * way
+            measured = v.copy()
+            measured[robot.actuated] += noise * rng.normal(size=robot.actuated.size)
+            references = [hand.at(goal.copy()) for hand, goal in zip(arms.hands, goals, strict=True)]
+            tick = arms.step(robot.state(q, measured), *references)
+            torques.append(tick.torques)
+            M = pin.crba(model, data, q)
+            bias = pin.rnea(model, data, q, v, np.zeros(robot.nv))[own] + viscous * v[own]
+            A = np.linalg.inv((np.triu(M) + np.triu(M, 1).T)[np.ix_(own, own)] + dt * np.diag(viscous))
+            v[own] += dt * A @ (tick.torques - bias)
+            dry = np.zeros(own.size)  # impulses, which stop joints if they can
+            for _, i in itertools.product(range(15), range(own.size)):
+                more = np.clip(dry[i] - v[own[i]] / A[i, i], -most[i], most[i]) - dry[i]
+                v[own] += A[:, i] * more
+                dry[i] += more
+            q = robot.integrate(q, v, dt)
+        change, worst = np.diff(torques, axis=0), 0
+        for one, limit in zip(change.T, robot.effort_limit[own], strict=True):
+            large = one[np.abs(one) > 0.02 * limit]
+            worst = max(worst, int(np.sum(large[1:] * large[:-1] < 0.0)))
+        found[noise, bandwidth] = worst / (dt * ticks), float(np.abs(change).max())
+    quiet, noisy, raw = found.values()
+    assert noisy[0] <= 10.0, found
+    assert noisy[1] <= quiet[1] + 10.0, found
+    assert raw[0] > 30.0, "noise would not show without the observer"
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])

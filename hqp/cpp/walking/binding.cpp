@@ -137,8 +137,8 @@ class LiveEstimator {
 // Rates of the columns of a robot.
 class LiveRates {
  public:
-  LiveRates(const std::vector<std::size_t>& columns, std::size_t nv, double keeps)
-      : observer_(columns, keeps), nv_(nv) {
+  LiveRates(const std::vector<std::size_t>& columns, std::size_t nv, double keeps, double most)
+      : observer_(columns, keeps, most), nv_(nv) {
     for (const std::size_t column : columns) require(column < nv, "columns");
   }
   void update(const Written& v) { require(v.size() == nv_, "v"), observer_.update(v.data()); }
@@ -356,7 +356,8 @@ void bind_walking(nb::module_& module) {
            "found_v"_a.noconvert())
       .def_prop_ro("slipping", &LiveEstimator::slipping);
   nb::class_<LiveRates>(module, "RateObserver")
-      .def(nb::init<const std::vector<std::size_t>&, std::size_t, double>(), "columns"_a, "nv"_a, "keeps"_a)
+      .def(nb::init<const std::vector<std::size_t>&, std::size_t, double, double>(), "columns"_a, "nv"_a, "keeps"_a,
+           "most"_a)
       .def("update", &LiveRates::update, "v"_a.noconvert())
       .def("expect", &LiveRates::expect, "v"_a)
       .def("forget", &LiveRates::forget);
