@@ -218,7 +218,7 @@ def shifting(supports: list[Soles], stands: Mask, rate: float) -> list[Soles]:
 
     rate [m/s^2] a node: twice the weight in ``LEAST`` holds the robot up while it changes feet.
     """
-    found, both = [list(soles) for soles in supports], stands.all(axis=1)
+    found, both = [list(soles) for soles in supports], np.asarray(stands.all(axis=1))
     for k in range(len(SIDES)):
         for first, last in runs(stands[:, k]):
             lands, lifts = first > 0 and stands[first - 1, 1 - k], last < len(stands) and stands[last, 1 - k]
