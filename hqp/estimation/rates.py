@@ -12,7 +12,7 @@ from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 
 NOISE = 0.12
-"""Largest difference between an estimated rate and its measurement [rad/s]: what changes faster is no noise."""
+"""Largest difference between an estimated rate and its measurement [rad/s], six times the noise of a good encoder."""
 
 
 class RateObserver:

@@ -163,7 +163,7 @@ def test_an_optimum_that_balances_rounding_of_long_rows_is_one(seed: int) -> Non
 
 @pytest.mark.parametrize("seed", range(60))
 def test_what_balances_a_known_error_of_rows_stays(seed: int) -> None:
-    """The slack is best with an error of long rows that is taken out before they are judged: the step back is none, and
+    """The slack is best with an error of long rows that is taken out before they are judged: the step back is zero, and
     the gradient along active rows is that without it."""
     rng = np.random.default_rng(seed)
     long, short = 10.0 ** rng.uniform(1.0, 3.0, 2), 10.0 ** rng.uniform(-6.5, -5.5, 12)
