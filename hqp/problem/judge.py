@@ -130,7 +130,7 @@ class Judge:
 
     def _first(self, step: Vec) -> tuple[int, float]:
         """The first row that a step reaches, counted from one and negative at its lower bound, and the share of the
-        step until there; share one if there is none."""
+        step until there: one if the step reaches no row."""
         slope = self.unit @ step
         room = np.where(slope > 0.0, self.room[:, 1], self.room[:, 0])
         meets = (self.side == 0.0) & ~self.fixed & (slope != 0.0)

@@ -11,7 +11,7 @@ from hqp import Rows
 from hqp.arrays import Vec
 
 SHORT = Fraction(1, 10**60)
-"""Weight of ||x||^2 beside ||w||^2: of all optima the shortest, to 30 digits."""
+"""Weight of ||x||^2 beside ||w||^2: it chooses the shortest optimum, to 30 digits."""
 
 
 def optimum(hard: Rows, level: Rows, near: Vec) -> Vec | None:

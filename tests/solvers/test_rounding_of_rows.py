@@ -267,7 +267,7 @@ def test_active_rows_make_no_verdict_stricter() -> None:
 def test_a_row_that_the_best_step_leaves_stops_it() -> None:
     """A row that misses by 1 sees 1e-7 to 1e-4 of a direction, far away, and rows of its level are at their bounds.
 
-    Those pull back at once: points within 1e-9 of the optimum in rational arithmetic pass, 1e-5 beyond they do not.
+    The bounds pull back at once: points within 1e-9 of the rational optimum pass, 1e-5 beyond they do not.
     """
     right = 0
     for seed in range(200):

@@ -12,7 +12,7 @@
 namespace hqp {
 
 struct Sole {
-  Vec2 middle;                // where the plan has the ZMP, in the frame's axes [m]
+  Vec2 middle;                // planned place of the ZMP, in the frame's axes [m]
   double yaw = 0.0;           // angle from ahead to the frame's x axis at home [rad]
   std::vector<Vec2> corners;  // corners of the support that the balance may use
 

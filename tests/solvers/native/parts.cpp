@@ -536,7 +536,7 @@ static void stage_search() {
       small("stage: row left", larger(larger(rows[i].lower - value, value - rows[i].upper), 0.0) / rows[i].size, 2e-9);
     }
     const double least = worth();
-    std::vector<double> near;  // where a search that is cut after a few looks at the clock ended
+    std::vector<double> near;  // ends of searches that are cut after a few looks at the clock
     working.clear();
     int cuts = 0;
     for (bool reached = false; !reached && cuts < 100; ++cuts) {
