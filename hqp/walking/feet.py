@@ -30,8 +30,8 @@ class Foot:
     """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m].
 
     yaw: angle from ahead to the frame's x axis at home [rad].  leg: names of the joints with motors that move this sole
-    and not the other one.  support: corners of the part in which the ankle holds the ZMP.  aim: where the plan has the
-    ZMP, the middle unless that takes too much of the ankle's torque; why: then the reason.
+    and not the other one.  support: corners of the part in which the ankle holds the ZMP.  aim: planned place of
+    the ZMP, the middle unless that takes too much of the ankle's torque; why: then the reason.
     """
 
     frame: str
@@ -70,7 +70,7 @@ class Foot:
     @property
     def half(self) -> float:
         """Largest distance of the sole's inner corners ahead of ``aim`` or behind it [m]."""
-        inner = np.array(shrunk(shrunk(self.corners, self.margin), EDGE)) - self.aim
+        inner = np.array(_inner(self.corners, self.margin)) - self.aim
         return float(np.max(np.abs(inner @ rotation(self.yaw)[0])))
 
     def placed(self, state: State) -> Foothold:
@@ -78,6 +78,11 @@ class Foot:
         R, p = state.rotation(self.frame), state.position(self.frame)
         x, y, z = p + R @ [*self.aim, 0.0]
         return Foothold(self.side, float(x), float(y), float(z), wrapped(yaw_of(R) - self.yaw))
+
+
+def _inner(corners: tuple[tuple[float, float], ...], margin: float) -> tuple[tuple[float, float], ...]:
+    """Corners of the part of a sole that may have the ZMP."""
+    return shrunk(shrunk(corners, margin), EDGE)
 
 
 def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]:
@@ -102,8 +107,7 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         depth = sole_points(robot, frame)[0][2]
         margin = min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))
         yaw = yaw_of(axes.T @ home.rotation(frame))
-        inner = shrunk(shrunk(corners, margin), EDGE)
-        held = supporting(robot, frame, legs[side], inner, (x, y))
+        held = supporting(robot, frame, legs[side], _inner(corners, margin), (x, y))
         feet.append(Foot(frame, side, corners, (x, y), depth, margin, yaw, legs[side], *held))
     return feet[0], feet[1]
 
