@@ -1,4 +1,4 @@
-"""Counts of a call's operations: independent of the load of the machine."""
+"""Counts that do not depend on the load of the machine: operations of a call, reversals of torques."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
+
+import numpy as np
 
 
 def calls(function: Callable[..., Any], *given: Any) -> int:
@@ -22,3 +24,12 @@ def calls(function: Callable[..., Any], *given: Any) -> int:
     finally:
         sys.setprofile(None)
     return counted - 1  # setprofile itself
+
+
+def reversals(torques: Any, least: Any, dt: float) -> float:
+    """Return how often a second torques ``(ticks, n)`` of the worst joint turn, by changes above ``least`` ``(n,)``."""
+    most = 0
+    for change, size in zip(np.diff(torques, axis=0).T, least, strict=True):
+        large = change[np.abs(change) > size]
+        most = max(most, int(np.sum(large[1:] * large[:-1] < 0.0)))
+    return most / (dt * len(torques))

@@ -20,6 +20,7 @@ from hqp.robots import Robot
 from hqp.tasks.collision_scene import scene
 from hqp.tasks.relative import View
 from hqp.torque.joint_friction import JointFriction
+from tests.counting import reversals
 from tests.tasks.test_prescribed import legs_of, load, nearest
 
 DT = 0.01
@@ -365,11 +366,8 @@ def test_noise_of_rates_reverses_no_torque(seed: int) -> None:
                 v[own] += A[:, i] * more
                 dry[i] += more
             q = robot.integrate(q, v, dt)
-        change, worst = np.diff(torques, axis=0), 0
-        for one, limit in zip(change.T, robot.effort_limit[own], strict=True):
-            large = one[np.abs(one) > 0.02 * limit]
-            worst = max(worst, int(np.sum(large[1:] * large[:-1] < 0.0)))
-        found[noise, bandwidth] = worst / (dt * ticks), float(np.abs(change).max())
+        largest = float(np.abs(np.diff(torques, axis=0)).max())
+        found[noise, bandwidth] = reversals(torques, 0.02 * robot.effort_limit[own], dt), largest
     quiet, noisy, raw = found.values()
     assert noisy[0] <= 10.0, found
     assert noisy[1] <= quiet[1] + 10.0, found

@@ -18,6 +18,7 @@ from hqp.robots.on_mujoco import Plant
 from hqp.robots.soles import sole as corners
 from hqp.tasks import CenterOfPressure, Com, FixedContact, FrictionCone, JointLimits, Position, Posture, TorqueLimits
 from hqp.tasks.polygons import shrunk
+from tests.counting import reversals
 
 DT, NOISE = 0.002, 0.02
 SMALL = 0.02
@@ -57,25 +58,18 @@ def commands(name: str, noise: float, observed: bool, ticks: int = 300, seed: in
     return np.array(found), robot.effort_limit[robot.actuated]
 
 
-def reversals(torques: Any, limits: Any) -> float:
-    """Reversals per second of the worst joint, for changes above ``SMALL``."""
-    most = 0
-    for change, limit in zip(np.diff(torques, axis=0).T, limits, strict=True):
-        large = change[np.abs(change) > SMALL * limit]
-        most = max(most, int(np.sum(large[1:] * large[:-1] < 0.0)))
-    return most / (DT * len(torques))
-
-
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) for n in ("talos", "cbi", "icub")] + ["g1"])
 def test_torques_neither_reverse_nor_jump(name: str) -> None:
     quiet, limits = commands(name, 0.0, True)
     noisy, _ = commands(name, NOISE, True)
     raw, _ = commands(name, NOISE, False)
     steps = [float(np.abs(np.diff(torques, axis=0)).max()) for torques in (quiet, noisy, raw)]
-    assert reversals(noisy, limits) <= 10.0
+    assert reversals(noisy, SMALL * limits, DT) <= 10.0
     assert steps[1] <= steps[0] + 10.0
     if name != "icub":  # light arms on strong motors: measured rates alone are calm there
-        assert reversals(raw, limits) > 30.0 or steps[2] > 1.5 * steps[1], "noise would not show without the observer"
+        assert reversals(raw, SMALL * limits, DT) > 30.0 or steps[2] > 1.5 * steps[1], (
+            "noise would not show without the observer"
+        )
 
 
 def test_it_follows_what_the_model_knows_without_lag() -> None:
