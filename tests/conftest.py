@@ -1,6 +1,10 @@
 """One BLAS thread in each test process, as in the control loop (set before numpy is imported); no deadlines."""
 
+import gc
 import os
+from collections.abc import Generator
+
+import pytest
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -12,3 +16,14 @@ def pytest_configure() -> None:
 
     settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
     settings.load_profile("patient")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leave the objects of the collected tests, millions, out of each search for garbage."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
