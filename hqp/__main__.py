@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hqp import __version__
-from hqp.commands.arguments import add_robot, add_stack, read_robot, read_stack
+from hqp.commands.arguments import add_output, add_robot, add_stack, read_robot, read_stack
 from hqp.errors import HqpError
 
 PACKAGES = {
@@ -52,6 +52,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `hqp robots | head`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the remaining output is written at the exit
         return 0
+    except OSError as error:  # a file to read or write, a full disk
+        if error.filename is None:
+            raise
+        print(f"hqp: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 2
 
 
 def _command(name: str) -> Callable[[argparse.Namespace], int]:
@@ -95,7 +100,7 @@ def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
         "robot.with_capsules(FILE) takes them.",
     )
     add_robot(capsules, "robot")
-    capsules.add_argument("--output", metavar="FILE", help="default: ROBOT.capsules.toml")
+    add_output(capsules, "--output", help="default: ROBOT.capsules.toml")
     compare = commands.add_parser(
         "compare",
         help="compare solvers on a stack from a TOML file",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hqp.errors import DeclarationError
@@ -36,6 +38,22 @@ def add_robot(parser: argparse.ArgumentParser, name: str, **given: Any) -> None:
         metavar="Q",
         help="start configuration: its name in the file, or one number per joint, 0,0.5,1 [rad, m]",
     )
+
+
+def add_output(parser: argparse.ArgumentParser, *names: str, **given: Any) -> None:
+    """Add the path of a file to write; one that cannot be written is refused before the work begins."""
+    parser.add_argument(*names, type=_output, **{"metavar": "FILE", **given})
+
+
+def _output(text: str) -> Path:
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is a folder: give a file")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"no folder {path.parent}: create it first")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise argparse.ArgumentTypeError(f"no permission to write {text}")
+    return path
 
 
 def read_robot(arguments: argparse.Namespace, rotors: bool | float = False) -> Robot:

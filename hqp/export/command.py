@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from hqp.commands.arguments import add_stack, read_stack
+from hqp.commands.arguments import add_output, add_stack, read_stack
 
 DESCRIPTION = """Compile a stack from a TOML file for a robot and write its plan file.  hqp::load in C++ and hqp.load in
 Python load it without the robot's model."""
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-age", type=float, metavar="S", help="largest age of a state [s]: steps then need its time"
     )
     parser.add_argument("--key", metavar="FILE", help="file with the key of the site, to sign the plan")
-    parser.add_argument("--output", "-o", metavar="FILE.hqp", required=True, help="plan file to write")
+    add_output(parser, "--output", "-o", metavar="FILE.hqp", required=True, help="plan file to write")
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -8,12 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hqp.commands.arguments import add_stack, read_stack
+from hqp.commands.arguments import add_output, add_stack, read_stack
 from hqp.solvers import default
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Robot
     from hqp.declare.stack import Stack
+
+    from .result import Change
 
 DESCRIPTION = """Run a stack in closed loop with each solver and measure times against the period, residuals and
 certificates of every level, and how calm the commands are; write one page of HTML, Markdown, JSON or Parquet."""
@@ -35,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", choices=PLANTS, default="integrator", help="default: integrator")
     parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="of each loop, default 2")
     for suffix, what in (("html", "one page with plots"), ("md", "Markdown"), ("json", "JSON"), ("parquet", "ticks")):
-        parser.add_argument(f"--{suffix}", type=Path, metavar="FILE", help=f"write {what} there")
+        add_output(parser, f"--{suffix}", help=f"write {what} there")
     parser.add_argument(
         "--rivals", nargs="+", metavar="NAME",
         help="compare with pink, mink, placo or tsid, each in its own environment",
@@ -71,17 +73,20 @@ def execute(arguments: argparse.Namespace) -> int:
     finally:
         done()
     print(result)
-    changes = result.against(arguments.against) if arguments.against else ()
-    for change in changes:
-        print(f"{change.solver}: {change.verdict}, {change.ratio:.2f} times (noise {100.0 * change.noise:.0f} %)")
     if arguments.json:
         arguments.json.write_text(result.json())
     if arguments.md:
         arguments.md.write_text(result.markdown())
     if arguments.parquet:
         result.parquet(arguments.parquet)
-    if arguments.html:
-        print(f"report: {result.html(arguments.html, changes)}")
+    changes: tuple[Change, ...] = ()
+    try:  # the report is written, too, if the older run is of another kind
+        changes = result.against(arguments.against) if arguments.against else ()
+    finally:
+        if arguments.html:
+            print(f"report: {result.html(arguments.html, changes)}")
+    for change in changes:
+        print(f"{change.solver}: {change.verdict}, {change.ratio:.2f} times (noise {100.0 * change.noise:.0f} %)")
     return int(any(change.verdict == "slower" for change in changes))
 
 

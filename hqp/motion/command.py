@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hqp.commands.arguments import add_robot, read_robot
+from hqp.commands.arguments import add_output, add_robot, read_robot
 from hqp.errors import DeclarationError
 
 from .clip import UPS
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "motion", nargs="?", metavar="MOTION", help=".bvh, or .npz with joint positions or SMPL-X parameters"
     )
     add_robot(parser, "--robot", required=True)
-    parser.add_argument(
-        "-o", "--output", action="append", default=[], type=Path, metavar="FILE",
+    add_output(
+        parser, "-o", "--output", action="append", default=[],
         help=".npz, .csv as Unitree and BeyondMimic read it, .pkl as GMR does; may be given more than once",
     )  # fmt: skip
     parser.add_argument("--map", metavar="MAP", help="a skeleton map's file or name; default: a shipped one that fits")
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dynamics", action="store_true", help="plan a CoM that flat soles can carry, and follow it above the hands"
     )
-    parser.add_argument("--html", type=Path, metavar="FILE", help="write the report as one page")
+    add_output(parser, "--html", help="write the report as one page")
     parser.add_argument("--view", action="store_true", help="show it in a browser, the person beside the robot")
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="with --view: stop after this time; default: on Ctrl-C"
