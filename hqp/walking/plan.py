@@ -65,13 +65,20 @@ def predict(walker: Walker, seconds: float, fps: float) -> Walk:
     robot, dt = walker.robot, walker.dt
     q, v = walker.start, np.zeros(robot.nv)
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
+    count = round(seconds * fps) + 1
     for k in range(round(seconds / dt) + 1):
         if walker.walking and walker.time > seconds - walker.stopping_time:
             walker.stop()
-        if k * dt >= len(frames) / fps - 1e-9:
-            swings = walker.phase == "swing"
-            frames.append((q, v, tuple(not (swings and side != walker.stance) for side in (0, 1)), walker.phase))
+        phase, stance = walker.phase, walker.stance
+        standing = tuple(not (phase == "swing" and side != stance) for side in (0, 1))
+        before, rate = q, v
         q, v, _ = advance(walker, q, v)
+        while len(frames) < count and (share := len(frames) / fps / dt - k) < 1.0 - 1e-6:
+            if abs(share) < 1e-6:
+                frames.append((before, rate, standing, phase))
+            else:  # between two ticks
+                there = robot.integrate(before, robot.difference(before, q), share)
+                frames.append((there, rate + share * (v - rate), standing, phase))
     where, rates, contacts, phases = zip(*frames, strict=True)
     names = robot.joint_names
     contact_names = tuple(foot.name for foot in walker.feet)

@@ -55,6 +55,24 @@ def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
         walker.plan(1.0, fps=0.0)
 
 
+def test_frames_are_as_far_apart_as_their_rate_says() -> None:
+    """Rates that divide the rate of ticks, that do not, and above it: the same motion at the times of the frames."""
+    robot = hqp.robots.load("g1", rotors=True)
+    walker = Walker(robot, Gait(single=0.3, double=0.1, first=0.3))
+    walker.go(0.2)
+    every = walker.plan(1.2, fps=1.0 / walker.dt)
+    times = np.arange(len(every.q)) * walker.dt
+    for fps in (7.0, 30.0, 120.0, 333.0, 1000.0):
+        motion = walker.plan(1.2, fps=fps)
+        assert len(motion.q) == round(1.2 * fps) + 1
+        for f, q in enumerate(motion.q):
+            k = min(int(f / fps / walker.dt + 1e-6), len(times) - 2)
+            low, high = every.q[k], every.q[k + 1]
+            share = f / fps / walker.dt - k
+            np.testing.assert_allclose(q[7:], low[7:] + share * (high[7:] - low[7:]), rtol=0.0, atol=1e-9)
+            np.testing.assert_allclose(q[:3], low[:3] + share * (high[:3] - low[:3]), rtol=0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("side", [0, 1])
 @pytest.mark.parametrize(("height", "share"), [(0.1, 0.0), (0.0, 0.1)])
 def test_a_swing_foot_on_the_ground_takes_a_tenth_of_the_weight(side: int, height: float, share: float) -> None:
