@@ -8,6 +8,7 @@ from typing import Any
 
 from hqp.commands.manifest import manifest
 from hqp.commands.threads import one_thread
+from hqp.declare.safety import positive
 from hqp.declare.stack import Stack
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
 from hqp.programs.formulation import Formulation, Velocity
@@ -39,8 +40,10 @@ def bench(
     Controller takes.  plant: ``integrator`` or ``mujoco``.  certify_every: every how many ticks the answer is judged by
     the certificate, outside the timed step.  progress: called with a solver's name and the share of its loop that is
     done.  BLAS takes one thread meanwhile: matrices are too small for more.  A solver that refuses the stack, or is not
-    installed, has a line with the reason.  Raises DeclarationError for a bad trajectory or plant.
+    installed, has a line with the reason.  Raises DeclarationError for a bad trajectory, plant or number.
     """
+    for name, value in (("dt", dt), ("seconds", seconds), ("certify_every", certify_every)):
+        positive("bench", name, value)
     formulation = formulation or Velocity()
     chosen = available() if solvers == "all" else (solvers or default(),) if isinstance(solvers, str) else solvers
     ticks = max(2, round(seconds / dt))

@@ -45,8 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Walk; returns 1 for a fall."""
+    from hqp.walking.gait import check
     from hqp.walking.walker import Walker
 
+    check("walk", "seconds", arguments.seconds, 0.0, strict=True, unit="s")
     robot, soles = _biped(arguments)
     walker = Walker(robot, soles=soles)
     wanted = arguments.forward, arguments.left, arguments.turn

@@ -9,11 +9,11 @@ from hqp.errors import DeclarationError
 
 
 def check(what: str, field: str, value: object, least: float, *, strict: bool = False, unit: str = "") -> None:
-    """Raise DeclarationError unless a value is a finite number from ``least`` up, above it where strict."""
+    """Raise DeclarationError unless a value is a finite number from ``least`` up, above it if strict."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not number or value < least or (strict and value <= least):  # type: ignore[operator]
-        allowed = f"a finite number {'above' if strict else 'from'} {least:g}{'' if strict else ' up'}"
-        raise DeclarationError(what, f"bad {field}", value=value, unit=unit, allowed=allowed)
+        low = "" if least == -math.inf else f" above {least:g}" if strict else f" from {least:g} up"
+        raise DeclarationError(what, f"bad {field}", value=value, unit=unit, allowed=f"a finite number{low}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ import numpy as np
 from hqp.arrays import Mask, Mat, Vec
 from hqp.commands.manifest import manifest
 from hqp.declare.law import PD, Law
+from hqp.declare.safety import positive
 from hqp.declare.stack import Level, Stack
 from hqp.errors import HqpError
 from hqp.lab.behaviour import behaviour
@@ -59,6 +60,8 @@ def compare_rivals(
     median. Raises UnsupportedProblem for a stack with elements that rivals are not given, HqpError where one cannot be
     installed or its robot is another.
     """
+    for name, value in (("dt", dt), ("seconds", seconds), ("rounds", rounds)):
+        positive("rivals", name, value)
     made = [scene(name, robot, stack) for name in scenes]
     places = {name: environment(name, progress) for name in rivals}
     found: list[Line] = []

@@ -12,6 +12,7 @@ import numpy as np
 from hqp.arrays import Mat
 from hqp.commands.manifest import manifest
 from hqp.declare.law import P
+from hqp.declare.safety import positive
 from hqp.declare.stack import Stack
 from hqp.lab.rivals.compare import answers
 from hqp.lab.rivals.environments import environment
@@ -45,6 +46,8 @@ def compare_teleop(
     exponential smoothing of 60 ms.  Raises UnsupportedProblem for a stack without a hand or with elements without a
     counterpart in rivals, HqpError if a rival cannot be installed.
     """
+    positive("teleop", "dt", dt)
+    positive("teleop", "seconds", seconds)
     made = [family(name, robot, stack) for name in families]
     lines: list[Felt] = []
     progress("hqp")
