@@ -179,6 +179,11 @@ class Scene:
             return self._meshes.to_mesh(a, b, radius, self._meshes.read(shape), pose)
         return distances.to_box(a, b, radius, 0.5 * np.array(shape.size), pose)
 
+    def at_least(self, pair: int, one: tuple[Mat, Mat], two: tuple[Mat, Mat]) -> Vec:
+        """Lower bounds of the distance of a hull's pair, whose links are ``placed`` there, one a frame ``(n,)`` [m]."""
+        i, j = self.pairs[pair]
+        return at_least(*one, self.capsules[i].radius, self._hulls[j], *two)
+
     def _is_capsule(self, k: int) -> bool:
         return not self.is_hull(k) if k < self.links else self.world[k - self.links].kind in ("sphere", "capsule")
 
@@ -235,7 +240,7 @@ class Scene:
             both = ends[i], None if j >= self.links else self.placed(j, bodies) if self.is_hull(j) else ends[j]
             clearance = float(self.clearance[pair])
             if self.is_hull(j):
-                least = at_least(*ends[i], self.capsules[i].radius, self._hulls[j], *self.placed(j, bodies))
+                least = float(self.at_least(pair, ends[i], self.placed(j, bodies)))
                 if least >= self._element.influence and self._slow((i, j), ends, least - clearance, motions):
                     continue
             found = self.measure(pair, poses, *both)

@@ -47,11 +47,12 @@ def polytope(hull: LinkHull) -> Polytope:
     return Polytope(corners, triangles, normals, offsets, found, hull.rounding)
 
 
-def at_least(a: Vec, b: Vec, radius: float, hull: Polytope, position: Vec, rotation: Mat) -> float:
-    """A lower bound of the distance, by the planes of the faces [m]."""
-    p, q = rotation.T @ (a - position), rotation.T @ (b - position)
-    lowest = np.minimum(hull.normals @ p, hull.normals @ q) - hull.offsets
-    return float(lowest.max()) - radius - hull.rounding
+def at_least(a: Mat, b: Mat, radius: float, hull: Polytope, position: Mat, rotation: Mat) -> Vec:
+    """Lower bounds of the distance by the planes of the faces ``(...)`` [m], of ends and positions ``(..., 3)`` and
+    rotations ``(..., 3, 3)``."""
+    ends = (np.einsum("...ji,...j->...i", rotation, end - position) @ hull.normals.T for end in (a, b))
+    lowest = np.minimum(*ends) - hull.offsets
+    return np.asarray(lowest.max(axis=-1) - radius - hull.rounding)
 
 
 def to_polytope(

@@ -148,14 +148,22 @@ def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[
         p, R = bodies[0][:, capsule.body], bodies[1][:, capsule.body]
         ends.append((p + R @ np.array(capsule.a), p + R @ np.array(capsule.b)))
     least, lowest = np.full(n, np.inf), np.full(n, np.inf)
-    for row, ((i, j), kept) in enumerate(zip(pairs, found.clearance.tolist(), strict=True)):
-        apart = segments(*ends[i], *ends[j]) - capsules[i].radius - capsules[j].radius
-        if found.is_hull(j):  # so far it is the distance from a capsule around it
-            body = capsules[j].body
-            for k in np.flatnonzero(apart - kept < least):
-                axis, place = (ends[i][0][k], ends[i][1][k]), (bodies[0][k, body], bodies[1][k, body])
-                apart[k] = found.measure(row, np.zeros((0, 4, 4)), axis, place)[0]
-        least = np.minimum(least, apart - kept)
+    for row, (i, j) in enumerate(pairs):
+        if not found.is_hull(j):
+            apart = segments(*ends[i], *ends[j]) - capsules[i].radius - capsules[j].radius
+            least = np.minimum(least, apart - found.clearance[row])
+    hulls = [row for row, (_, j) in enumerate(pairs) if found.is_hull(j)]
+    placed = {j: (bodies[0][:, capsules[j].body], bodies[1][:, capsules[j].body]) for _, j in pairs}
+    kept = found.clearance[hulls][:, None]
+    bounds = [found.at_least(row, ends[i], placed[j]) for row in hulls for i, j in (pairs[row],)]
+    low = np.reshape(bounds, (-1, n)) - kept
+    for k, order in enumerate(np.argsort(low, axis=0).T):
+        for one in order:  # the pair that may be nearest first
+            if low[one, k] >= least[k]:
+                break
+            i, j = pairs[hulls[one]]
+            there = [(first[k], second[k]) for first, second in (ends[i], placed[j])]
+            least[k] = min(least[k], found.measure(hulls[one], np.zeros((0, 4, 4)), *there)[0] - kept[one, 0])
     above = set(stacks.links)
     for each, (capsule, (a, b)) in enumerate(zip(capsules, ends, strict=True)):
         if capsule.name in above and not found.is_hull(each):

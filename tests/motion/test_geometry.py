@@ -44,6 +44,8 @@ from hqp.motion.targets import (
     turned,
 )
 from hqp.motion.tracker import LEAN, OFF, Pass, Tracker
+from hqp.tasks import CollisionAvoidance
+from hqp.tasks.collision_scene import scene
 
 from .people import stand, walk
 
@@ -483,6 +485,27 @@ def test_figures_of_a_pose_are_its_distances() -> None:
     np.testing.assert_allclose(found.beyond, 0.07, atol=1e-9)
     assert np.all(lower <= upper)
     assert not found.speed.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_clearance_is_that_of_the_nearest_pair(seed: int) -> None:
+    """Also of drawn postures in which links are inside each other, and beside hulls."""
+    robot, _ = g1()
+    stacks, targets = tracker().stacks, walked()[1].thinned(3)
+    spread = np.linspace(0.02, 0.6, len(targets))[:, None] * np.r_[np.zeros(6), np.ones(robot.nv - 6)]
+    drawn = spread * np.random.default_rng(seed).normal(size=spread.shape)
+    q = np.array([robot.integrate(robot.home, step, 1.0) for step in drawn])
+    found = measure(robot, stacks, targets, q).clearance
+    pairs = scene(CollisionAvoidance(clearance=0.0), robot)
+    assert any(pairs.is_hull(j) for _, j in pairs.pairs)
+    for k, at in enumerate(q):
+        robot.state(at).kinematics()
+        apart = [
+            pairs.measure(row, np.zeros((0, 4, 4)), pairs.placed(i), pairs.placed(j))[0] - pairs.clearance[row]
+            for row, (i, j) in enumerate(pairs.pairs)
+        ]
+        assert found[k] == pytest.approx(min(apart), abs=1e-9)
+    assert found.min() < 0.0 < found.max()
 
 
 # ----------------------------------------------------------------------------------------------- references
