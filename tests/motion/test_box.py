@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hqp
 from hqp.errors import DeclarationError
 from hqp.motion import Box, Motion, Retargeted, read_motion, retarget
 from hqp.motion.skeleton_map import find_map
 from tests.motion.people import lift, stand, write_npz
+
+from .robots import robot as catalogued
 
 
 def on_box(found: Retargeted) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def on_box(found: Retargeted) -> dict[str, Any]:
 )
 def test_hands_stay_on_a_box_of_its_own_size(name: str, slip: float) -> None:
     motion = lift(3.0, turn=0.4)
-    found = retarget(motion, hqp.robots.load(name), collision=False)
+    found = retarget(motion, catalogued(name), collision=False)
     assert found.box is not None
     assert motion.box is not None
     np.testing.assert_allclose(found.box.size, motion.box.size, rtol=1e-12)
@@ -54,7 +55,7 @@ def test_hands_stay_on_a_box_of_its_own_size(name: str, slip: float) -> None:
 
 @pytest.mark.slow
 def test_unit_and_heading_do_not_matter() -> None:
-    robot, motion = hqp.robots.load("g1"), lift(2.0)
+    robot, motion = catalogued("g1"), lift(2.0)
     assert motion.box is not None
     plain = retarget(motion, robot)
     assert plain.box is not None
@@ -89,7 +90,7 @@ def test_files_have_the_box(tmp_path: Path, up: str) -> None:
             read.box.within(read.positions[:, hand]), motion.box.within(motion.positions[:, hand]), atol=1e-9
         )
     if up == "z":
-        found = retarget(read, hqp.robots.load("g1"))
+        found = retarget(read, catalogued("g1"))
         assert found.box is not None
         with np.load(found.save(tmp_path / "robot.npz")) as file:
             np.testing.assert_array_equal(file["box_positions"], found.box.positions)
@@ -110,11 +111,11 @@ def test_rates_and_parts_keep_the_box() -> None:
 def test_a_box_that_nobody_holds_stays_in_place() -> None:
     motion = stand(0.3)
     still = Box([[1.5, 0.0, 0.1]] * len(motion), [[0.0, 0.0, 0.0, 1.0]] * len(motion), [0.2, 0.2, 0.2])
-    found = retarget(replace(motion, box=still), hqp.robots.load("g1"))
+    found = retarget(replace(motion, box=still), catalogued("g1"))
     assert found.box is not None
     assert np.ptp(found.box.positions, axis=0).max() == 0.0
     np.testing.assert_allclose(found.box.lowest(), 0.0, atol=1e-12)
-    np.testing.assert_array_equal(found.q, retarget(motion, hqp.robots.load("g1")).q)
+    np.testing.assert_array_equal(found.q, retarget(motion, catalogued("g1")).q)
 
 
 def test_errors_name_the_part(tmp_path: Path) -> None:
@@ -138,4 +139,4 @@ def test_errors_name_the_part(tmp_path: Path) -> None:
 
 def test_a_motion_without_a_box_has_none() -> None:
     motion: Motion = stand(1.0)
-    assert retarget(motion, hqp.robots.load("g1")).box is None
+    assert retarget(motion, catalogued("g1")).box is None

@@ -28,6 +28,7 @@ from hqp.walking.feet import Foot, feet_of
 from tests.scenes.clips import KINDS
 
 from .people import stand, walk
+from .robots import robot as catalogued
 
 ROUNDING = 1e-9
 """Noise of the person's places [m]: far below any marker's."""
@@ -42,7 +43,7 @@ DRAWN = [("squat", 0), *(pytest.param(kind, 1, marks=pytest.mark.slow) for kind 
 
 @pytest.fixture(scope="module")
 def g1() -> hqp.robots.Robot:
-    return hqp.robots.load("g1")
+    return catalogued("g1")
 
 
 def _clip(kind: str, seed: int, turn: float = 0.0) -> Motion:

@@ -39,6 +39,7 @@ from hqp.motion.targets import targets_of
 from hqp.motion.tracker import Tracker
 
 from .people import crouch, stand, step_up, walk
+from .robots import robot as catalogued
 
 G, DT = 9.81, 1.0 / 60.0
 
@@ -195,7 +196,7 @@ def test_the_schedule_is_the_cheapest_one() -> None:
 
 @pytest.fixture(scope="module")
 def g1() -> hqp.robots.Robot:
-    return hqp.robots.load("g1")
+    return catalogued("g1")
 
 
 @pytest.fixture(scope="module")
@@ -356,7 +357,7 @@ def test_a_body_that_accelerates_does_so_in_its_first_and_last_frame(seed: int, 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
 def test_a_toe_is_an_edge_across_the_sole(name: str) -> None:
     """At least half as wide as the sole, at its front, from right to left."""
-    robot = hqp.robots.load(name)
+    robot = catalogued(name)
     for outline in Body.of(robot, find_map(None, robot)).soles.values():
         ends = front(outline)
         assert np.diff(ends[:, 1])[0] > 0.5 * np.ptp(outline[:, 1])

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hqp
 from hqp.motion import Retargeted, retarget
 from tests.scenes.clips import bend
+
+from .robots import robot as catalogued
 
 OPEN = pytest.mark.xfail(reason="issue 51: hands of G1 are 59 mm off", strict=True)
 CASES = [
@@ -25,7 +26,7 @@ CASES = [
 def test_hands_in_a_deep_bend(name: str, seed: int) -> None:
     """Hands within 40 mm of where they are without self-collision, no links that touch, by coal on the shapes of the
     file, feet at rest and on the floor, joints no faster than their limits."""
-    robot, motion = hqp.robots.load(name), bend(np.random.default_rng(seed))
+    robot, motion = catalogued(name), bend(np.random.default_rng(seed))
     free, found = retarget(motion, robot, collision=False), retarget(motion, robot)
     assert found.summary["hand_p99"] < free.summary["hand_p99"] + 0.04
     assert found.summary["slide_share"] < 0.005

@@ -48,13 +48,14 @@ from hqp.tasks import CollisionAvoidance
 from hqp.tasks.collision_scene import scene
 
 from .people import stand, walk
+from .robots import robot as catalogued
 
 SIDES = ("left", "right")
 
 
 @cache
 def g1() -> tuple[Any, Body]:
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     return robot, Body.of(robot, find_map(None, robot))
 
 
@@ -761,7 +762,7 @@ def test_the_last_pass_asks_for_the_low_passed_motion() -> None:
 def test_no_hand_is_to_be_lower_than_its_shapes_allow(name: str) -> None:
     """A hand at its lowest target reaches the floor in any turn, with a single capsule exactly so in some turn.  Hands
     of a person below the floor become targets on it."""
-    robot, rng = hqp.robots.load(name), np.random.default_rng(4)
+    robot, rng = catalogued(name), np.random.default_rng(4)
     found = find_map(None, robot)
     body = Body.of(robot, found)
     for side in SIDES:

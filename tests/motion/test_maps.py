@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import hqp
 from hqp.errors import DeclarationError, FrameNotFound
 from hqp.motion.body import Body
 from hqp.motion.skeleton_map import SkeletonMap, find_map, parse, shipped
 from hqp.motion.suggestion import suggest_map
 
+from .robots import robot as catalogued
+
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi", "icub"])
 def test_a_shipped_map_fits_and_a_suggested_one_is_much_the_same(name: str) -> None:
-    robot = hqp.robots.load(name)
+    robot = catalogued(name)
     found = find_map(None, robot)
     assert found == shipped()[name]
     body, suggested = Body.of(robot, found), Body.of(robot, suggest_map(robot))
@@ -36,7 +37,7 @@ def test_h1_is_shipped() -> None:
 
 
 def test_what_is_wrong_is_told() -> None:
-    robot, frames = hqp.robots.load("g1"), dict(shipped()["g1"].frames)
+    robot, frames = catalogued("g1"), dict(shipped()["g1"].frames)
     with pytest.raises(DeclarationError, match="no frame for left_hip"):
         SkeletonMap({k: v for k, v in frames.items() if k != "left_hip"})
     with pytest.raises(DeclarationError, match="unknown part"):
@@ -46,9 +47,9 @@ def test_what_is_wrong_is_told() -> None:
     with pytest.raises(FrameNotFound, match="left_hip_roll_link"):
         find_map(SkeletonMap({**frames, "left_hip": "left_hip_rol_link"}), robot)
     with pytest.raises(DeclarationError, match="no shipped map fits"):
-        find_map(None, hqp.robots.load("romeo"))
+        find_map(None, catalogued("romeo"))
     with pytest.raises(DeclarationError, match="base is fixed"):
-        find_map("g1", hqp.robots.load("ur5"))
+        find_map("g1", catalogued("ur5"))
     with pytest.raises(DeclarationError, match="at one place"):
         Body.of(robot, SkeletonMap({**frames, "left_knee": frames["left_hip"]}))
     with pytest.raises(DeclarationError, match="no TOML"):

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hqp
 from hqp.motion import anchored
 from hqp.motion.anchored import SHORT, Judged, best, solved
 from hqp.motion.body import Body
@@ -23,6 +22,7 @@ from hqp.motion.weaving import woven
 from tests.scenes.clips import bend
 
 from .people import walk
+from .robots import robot as catalogued
 
 ORDER = "toe", "hand", "sole", "torso"
 """Parts by level, first the most important."""
@@ -34,7 +34,7 @@ def tracker(flat: bool = False) -> Tracker:
 
 
 def tracker_of(motion: Any, flat: bool = False) -> Tracker:
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     found = find_map(None, robot)
     body = Body.of(robot, found)
     targets = targets_of(motion, parts_of(motion.names), body)
@@ -105,7 +105,7 @@ def test_the_choice_of_a_motion_keeps_the_order(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_way_through_all_passes_loses_least() -> None:
     """No other way through three passes of six frames loses less with its changes, for drawn passes and losses."""
-    robot = hqp.robots.load("ur5")
+    robot = catalogued("ur5")
     track: Any = SimpleNamespace(robot=robot, dt=0.01)
     rng, limit = np.random.default_rng(2), robot.velocity_limit * 0.01
     changed = 0

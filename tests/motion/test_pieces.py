@@ -25,6 +25,7 @@ from hqp.motion.suggestion import _Tree
 from hqp.motion.targets import Targets, targets_of
 
 from .people import stand
+from .robots import robot as catalogued
 
 
 class Bodies(_Tree):
@@ -58,7 +59,7 @@ def test_the_hip_is_the_first_body_as_far_out_as_the_knee(hip: float, expected: 
 
 @cache
 def g1() -> tuple[hqp.robots.Robot, Body]:
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     return robot, Body.of(robot, find_map(None, robot))
 
 

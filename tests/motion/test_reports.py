@@ -20,6 +20,7 @@ from hqp.motion.suggestion import suggest_map
 from hqp.motion.tracker import SLIDE, Tracker
 
 from .people import stand
+from .robots import robot as catalogued
 from .test_geometry import joints, tracker
 
 
@@ -30,7 +31,7 @@ def motion_of(**changed: Any) -> Any:
     causes = np.full((6, 4), "", dtype=object)
     causes[1:4, PARTS.index("left_hand")] = ["floor", "limits", "floor"]
     causes[4, PARTS.index("right_toe")] = "limits"
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     person = np.arange(6 * 4 * 3.0).reshape(6, 4, 3)
     fields: dict[str, Any] = {
         "measures": SimpleNamespace(errors=errors), "gave_way": causes, "fps": 10.0, "shortfalls": (), "robot": robot,
@@ -122,7 +123,7 @@ def test_causes_are_looked_up_only_for_parts_that_are_off(monkeypatch: pytest.Mo
 
 
 def test_velocities_lead_to_the_next_frame() -> None:
-    robot = hqp.robots.load("ur5")
+    robot = catalogued("ur5")
     rng = np.random.default_rng(0)
     q = robot.home + rng.uniform(-0.2, 0.2, (4, 6))
     v = velocities(robot, q, 25.0)
@@ -147,7 +148,7 @@ def test_feet_of_one_who_lies_on_a_side_keep_the_yaw_of_before() -> None:
 
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_a_suggested_map_has_the_feet_and_ankles_of_the_legs(name: str) -> None:
-    robot = hqp.robots.load(name)
+    robot = catalogued(name)
     found = suggest_map(robot)
     state = robot.state(robot.home)
     place = {part: state.position(frame) for part, frame in found.frames.items()}

@@ -25,12 +25,13 @@ from hqp.search.starts import turned
 
 from .files import mirrored, renamed
 from .people import FPS, stand, stretch, walk, write_npz
+from .robots import robot as catalogued
 
 
 @pytest.fixture(scope="module")
 def g1() -> hqp.robots.Robot:
     """One robot for many motions: its meshes are read once."""
-    return hqp.robots.load("g1")
+    return catalogued("g1")
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +119,7 @@ def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot(
     name: str, rise: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Heels rise for hands that straight legs on flat soles do not lift high enough."""
-    motion, robot = stretch(rise), hqp.robots.load(name)
+    motion, robot = stretch(rise), catalogued(name)
     found, feet = retarget(motion, robot, collision=False), find_map(None, robot).frames
     assert found.summary["slide_share"] == 0.0
     assert found.summary["penetration"] < 2e-3
@@ -207,7 +208,7 @@ def test_contacts_of_ones_own(tmp_path: Path, g1: hqp.robots.Robot) -> None:
 
 
 def test_files(walked: Retargeted, tmp_path: Path) -> None:
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     with np.load(walked.save(tmp_path / "a.npz")) as told:
         assert told["q"].shape == (len(walked), robot.nq)
         assert told["v"].shape == (len(walked), robot.nv)

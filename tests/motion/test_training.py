@@ -9,11 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
-import hqp
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, FrameNotFound, JointNotFound
 from hqp.motion import save_training, training_arrays
 from hqp.robots import Plant, Robot
+
+from .robots import robot as catalogued
 
 
 @dataclass
@@ -34,7 +35,7 @@ def drawn(robot: Robot, frames: int, seed: int) -> Drawn:
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
 def test_bodies_and_joints_are_those_of_mujoco(name: str) -> None:
     """Bodies and joints in a random order."""
-    robot = hqp.robots.load(name)
+    robot = catalogued(name)
     plant = Plant(robot)
     model, data = plant.model, plant.data
     rng = np.random.default_rng(3)
@@ -59,7 +60,7 @@ def test_bodies_and_joints_are_those_of_mujoco(name: str) -> None:
 
 
 def test_quaternions_keep_their_sign_over_full_turns() -> None:
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     turns = np.linspace(0.0, 4.0 * np.pi, 200)
     q = np.tile(robot.home, (200, 1))
     q[:, 3:7] = np.column_stack([0.0 * turns, 0.0 * turns, np.sin(turns / 2.0), np.cos(turns / 2.0)])
@@ -72,7 +73,7 @@ def test_quaternions_keep_their_sign_over_full_turns() -> None:
 def test_a_walk_is_written_and_read_as_the_trackers_do(tmp_path: Path) -> None:
     from hqp.walking import Walker
 
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     walker = Walker(robot, dt=0.002)
     walker.go(0.2)
     walk = walker.plan(1.0, fps=50.0)
@@ -88,14 +89,14 @@ def test_a_walk_is_written_and_read_as_the_trackers_do(tmp_path: Path) -> None:
 
 
 def test_errors_name_the_cause(tmp_path: Path) -> None:
-    robot = hqp.robots.load("g1")
+    robot = catalogued("g1")
     motion = drawn(robot, 2, 0)
     with pytest.raises(JointNotFound, match="left_knee_joint"):
         training_arrays(robot, motion, joints=["left_knee_jiont"])
     with pytest.raises(FrameNotFound, match="pelvis"):
         training_arrays(robot, motion, bodies=["pelvsi"])
     with pytest.raises(DeclarationError, match="another robot"):
-        training_arrays(hqp.robots.load("ur5"), motion)
+        training_arrays(catalogued("ur5"), motion)
     with pytest.raises(DeclarationError, match="not finite"):
         training_arrays(robot, Drawn(motion.q, motion.v * np.nan))
     with pytest.raises(DeclarationError, match=r"ends in \.npz"):
