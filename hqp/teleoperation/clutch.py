@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,14 @@ class Clutch:
     """The value that belongs to an operator's: anchor ⊕ D (value ⊖ origin), D = diag(scale F, det(F) F).
 
     F: the operator's axes in those of the task.  Before the first ``engage`` origin is that of the operator's axes, and
-    anchor where these are.  Raises DeclarationError for a scale or a frame that is not allowed.
+    anchor where these are.  Raises DeclarationError if the task has no axes that the frame could turn.
     """
 
-    def __init__(self, space: Space, element: Task, k: int, scale: float, frame: ArrayLike | None, apart: bool) -> None:
+    def __init__(self, space: Space, element: Task, k: int, scale: float, frame: Mat | None) -> None:
         self._space = space
-        if not isinstance(scale, (int, float)) or not 0.0 < scale < math.inf:
-            raise DeclarationError("Follow", "scale", value=scale, allowed="a positive number")
-        pose = _pose(frame)
-        self._F, self._scale = pose[:3, :3], float(scale)
-        F, mirrored = pose[:3, :3], float(np.linalg.det(pose[:3, :3])) < 0.0
-        if mirrored and not apart:
-            raise DeclarationError("Follow", "a left-handed frame needs clutch=True", value=frame, allowed=ALLOWED)
+        pose = np.eye(4) if frame is None else frame
+        self._F = F = pose[:3, :3]
+        self._scale = scale
         turns = space.turns(k)
         self._D: Mat = np.diag(np.where(turns, 1.0, scale))
         if k in (3, 6) and not space.wraps:
@@ -67,10 +62,12 @@ class Clutch:
         return self._D @ operators
 
 
-def _pose(frame: ArrayLike | None) -> Mat:
+def operator_axes(frame: ArrayLike, apart: bool) -> Mat:
+    """The pose ``(4, 4)`` of the operator's axes in those of the task; apart: true with a clutch, for mirrored ones.
+
+    Raises DeclarationError.
+    """
     found = np.eye(4)
-    if frame is None:
-        return found
     try:
         given = np.array(frame, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -82,4 +79,6 @@ def _pose(frame: ArrayLike | None) -> Mat:
     F = found[:3, :3]
     if not np.isfinite(found).all() or np.abs(F @ F.T - np.eye(3)).max() > 1e-5 or found[3].tolist() != [0, 0, 0, 1]:
         raise DeclarationError("Follow", "bad frame", value=frame, allowed=ALLOWED)
+    if float(np.linalg.det(F)) < 0.0 and not apart:
+        raise DeclarationError("Follow", "a left-handed frame needs clutch=True", value=frame, allowed=ALLOWED)
     return found

@@ -14,7 +14,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError
 
-from .clutch import Clutch
+from .clutch import Clutch, operator_axes
 from .packets import Clock, Inbox, Packet, number, packet
 from .pursuit import Pursuit
 from .spaces import Space
@@ -67,12 +67,11 @@ class Follow:
         if not isinstance(latency, (int, float)) or not 0.0 <= latency < math.inf:
             raise DeclarationError("Follow", "latency", value=latency, allowed="0 or above")
         self._latency, self._clutched = float(latency), bool(clutch)
-        self._scale, self._frame = scale, frame
-        if self._space.first is not None:
-            self._joint(6 if self._space.first else 3)  # checks the range
+        self._scale = _positive("scale", scale)
+        self._frame = None if frame is None else operator_axes(frame, self._clutched)
         self._clutch: Clutch | None = None
         self._inbox, self._clock = Inbox(), Clock()
-        self._track = Track(self._space, (self._speeds[0] / scale, self._speeds[1]))
+        self._track = Track(self._space, (self._speeds[0] / self._scale, self._speeds[1]))
         self._pursuit: Pursuit | None = None
         self._engaged, self._joined, self._opened = not clutch, not clutch, True
         self._latest, self._stale, self._now = -math.inf, math.inf, -math.inf
@@ -145,7 +144,7 @@ class Follow:
         return made
 
     def _joint(self, k: int) -> Clutch:
-        return Clutch(self._space, self.element, k, self._scale, self._frame, self._clutched)
+        return Clutch(self._space, self.element, k, self._scale, self._frame)
 
     def _value(self, state: State) -> Any:
         """Pose of the robot's hand, or the reference's pose if the state is invalid."""

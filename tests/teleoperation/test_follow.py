@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 from typing import Any
 
@@ -13,7 +14,7 @@ import hqp
 from hqp import Follow, Level, Stack
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import exponential, quaternion_of
-from hqp.tasks import Com, FixedContact, JointLimits, LookAt, Orientation, Pose, Position
+from hqp.tasks import Com, FixedContact, JointLimits, LookAt, Orientation, Pose, Position, Posture
 from hqp.teleoperation.packets import Clock, packet
 from hqp.teleoperation.spaces import Space, logarithm
 
@@ -252,3 +253,16 @@ def test_packets_may_come_from_another_thread(robot: Any) -> None:
 def test_declarations_are_checked(robot: Any, element: Any, options: dict[str, Any], told: str) -> None:
     with pytest.raises(DeclarationError, match=told):
         Follow(element, **options).reference(robot.state(robot.home), now=0.0)
+
+
+FOLLOWED = [f(frame="tool0") for f in (Pose, Position, Orientation, LookAt)] + [Posture()]
+BAD = (0.0, -1.0, math.nan, math.inf, "1")
+NUMBERS = [{name: bad} for name in ("scale", "max_age", "largest_speed") for bad in BAD]
+FRAMES = [np.eye(2), np.ones((3, 3)), np.full((3, 3), math.nan), np.diag([1.0, -1.0, 1.0]), "left"]
+
+
+@pytest.mark.parametrize("element", FOLLOWED)
+@pytest.mark.parametrize("options", [*NUMBERS, *({"frame": frame} for frame in FRAMES)])
+def test_numbers_and_frames_are_refused_before_the_loop(element: Any, options: dict[str, Any]) -> None:
+    with pytest.raises(DeclarationError):
+        Follow(element, **options)
