@@ -364,7 +364,8 @@ def test_a_toe_is_an_edge_across_the_sole(name: str) -> None:
         assert (ends[:, 0] > outline[:, 0].max() - 0.006).all()
 
 
-@pytest.mark.parametrize("rise", [0.15, pytest.param(0.2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("rise", [0.15, 0.2])
 def test_a_heel_rises_in_a_step_on_a_box(rise: float, g1: hqp.robots.Robot) -> None:
     """The toe stays on its spot, the heel rises, and the ground's force acts between the toe and the other sole."""
     found = retarget(step_up(rise, fps=120.0), g1, dynamics=True)

@@ -35,7 +35,7 @@ def made(robot: Robot, output: str, **fields: Any) -> Any:
 
 
 @pytest.mark.parametrize("output", OUTPUTS)
-@pytest.mark.parametrize("name", ["g1", "talos"])
+@pytest.mark.parametrize("name", ["g1", pytest.param("talos", marks=pytest.mark.slow)])
 def test_the_first_command_continues_from_what_is_measured(name: str, output: str) -> None:
     """Drawn postures: after one period the joints are within 1e-3 rad, and the torque of the target is the stack's."""
     robot, rng = load(name), np.random.default_rng(0)

@@ -18,14 +18,17 @@ BLOCKED = [
     pytest.param("panda", "velocity", "table", marks=pytest.mark.slow),
     ("panda", "torque", "torso"),
     pytest.param("talos", "velocity", "torso", marks=pytest.mark.slow),
-    ("talos", "velocity", "table"),
+    pytest.param("talos", "velocity", "table", marks=pytest.mark.slow),
     pytest.param(
         "talos",
         "velocity",
         "other hand",
-        marks=pytest.mark.xfail(strict=True, reason="5 reversals/s, more with tighter capsules"),
+        marks=[
+            pytest.mark.slow,
+            pytest.mark.xfail(strict=True, reason="5 reversals/s, more with tighter capsules"),
+        ],
     ),
-    ("talos", "acceleration", "torso"),
+    pytest.param("talos", "acceleration", "torso", marks=pytest.mark.slow),
     pytest.param("talos", "torque", "other hand", marks=pytest.mark.slow),
     pytest.param("talos", "acceleration", "other hand", marks=pytest.mark.slow),
     pytest.param("talos", "torque", "torso", marks=pytest.mark.slow),
@@ -64,7 +67,7 @@ def test_blocked_for_eight_seconds(name: str, formulation: str, scene: str) -> N
     assert not list(misses(formulation, figures)), figures
 
 
-@pytest.mark.parametrize("name", ["panda", "talos", "g1"])
+@pytest.mark.parametrize("name", ["panda", pytest.param("talos", marks=pytest.mark.slow), "g1"])
 def test_from_inside_it_comes_out_at_the_recovery_speed(name: str) -> None:
     need(name)
     blocked = scenes.scenes(name, "velocity")["inside"]()
