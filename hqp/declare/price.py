@@ -50,13 +50,18 @@ class Price:
 
     tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
     the tick: min(0.05, 0.1 / gain) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
-    A level that can be met for its price is exact; the price shows where it is out of reach.  Raises DeclarationError
-    for numbers out of range.
+    A level that can be met for its price is exact; the price shows where it is out of reach.  turning: true if levels
+    below an unmet one slow down as omega^2, since their motion turns its rows (t_k = 0 if false): a level that misses
+    next to nothing again and again would stop and release them each time.  Raises DeclarationError for numbers out of
+    range and a turning that is no bool.
     """
 
     tau: float | None = None
+    turning: bool = True
 
     def __post_init__(self) -> None:
+        if not isinstance(self.turning, bool):
+            raise DeclarationError("Price.turning", "not a bool", value=self.turning, allowed="true or false")
         tau = self.tau
         number = isinstance(tau, (int, float)) and not isinstance(tau, bool)
         if tau is not None and not (number and 0.0 <= tau < math.inf):
@@ -232,7 +237,8 @@ def level_prices(
             longest = max(longest, tau)
         length = min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
         prices[k] = tau**order * length
-        turning[k] = gamma / (prices[k] * length) ** 2
+        if declared is None or declared.turning:
+            turning[k] = gamma / (prices[k] * length) ** 2
     if sizes is None:
         return None
     rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0

@@ -34,8 +34,9 @@ BOTH = "both"
 FIRM = 4.0
 """Weight of the balance beside trunk and swing foot: at 1 the foot of a long step pushes the body off its course."""
 
-HASTE = Price(0.03)
-"""Price of the body level: the gains alone would set a price at which a swing foot lags during its half second."""
+HASTE = Price(0.03, turning=False)
+"""Price of the body level: the gains alone would set a price at which a swing foot lags during its half second.  The
+body misses 0.01 to 0.1 m/s^2 in many ticks: if that slowed the posture, waist and arms would be thrown each time."""
 
 _BALANCE, _CONTACT = DCM(3.0), PD(0.0, 20.0)
 _HEIGHT, _SWING, _TRUNK, _POSTURE = PD(400.0, 40.0), PD(300.0, 35.0), PD(100.0, 20.0), PD(40.0, 13.0)

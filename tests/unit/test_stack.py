@@ -74,7 +74,7 @@ def test_round_trip_through_toml() -> None:
     assert serial.loads(serial.dumps(fast)) == fast
 
 
-@pytest.mark.parametrize("price", [None, 0, Price(tau=0.07), Price()], ids=repr)
+@pytest.mark.parametrize("price", [None, 0, Price(tau=0.07), Price(turning=False), Price()], ids=repr)
 def test_prices_of_levels_are_kept_in_files(price: Price | int | None, tmp_path: Path) -> None:
     priced = Level(Position(frame="r_palm"), name="hand", price=price)
     stack, path = Stack(priced, Level(Posture())), tmp_path / "stack.toml"
@@ -83,6 +83,11 @@ def test_prices_of_levels_are_kept_in_files(price: Price | int | None, tmp_path:
         assert found == stack
         assert found.levels[0].price == priced.price
         assert found.levels[1].price is None
+
+
+def test_a_turning_that_is_no_bool_is_refused() -> None:
+    with pytest.raises(DeclarationError, match=r"Price\.turning"):
+        Price(turning=0.5)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
