@@ -407,7 +407,8 @@ class WalkState:
     raised: float
     share: float
     yaw: float
-    mean: float
+    felt: float
+    due: float
     heavier: float
     sunk: _Two
     zmp: _Two
@@ -429,6 +430,7 @@ class Walker:
     LAST: float
     HEAVIER: float
     WEIGHING: float
+    SETTLES: float
     SAG: float
     NOISE: float
     state: WalkState

@@ -261,7 +261,8 @@ void bind_state(nb::module_& module) {
       .def_rw("raised", &State::raised)
       .def_rw("share", &State::share)
       .def_rw("yaw", &State::yaw)
-      .def_rw("mean", &State::mean)
+      .def_rw("felt", &State::felt)
+      .def_rw("due", &State::due)
       .def_rw("heavier", &State::heavier)
       .def_prop_rw(
           "phase", [](const State& s) { return static_cast<int>(s.phase); },
@@ -348,7 +349,8 @@ void bind_walking(nb::module_& module) {
       {"AHEAD", hqp::Walker::kAhead},     {"CORRECTION", hqp::Walker::kCorrection},
       {"CREEPS", hqp::Walker::kCreeps},   {"LAST", hqp::Walker::kLast},
       {"HEAVIER", hqp::Walker::kHeavier}, {"WEIGHING", hqp::Walker::kWeighing},
-      {"SAG", hqp::Walker::kSag},         {"NOISE", hqp::Walker::kNoise}};
+      {"SETTLES", hqp::Walker::kSettles}, {"SAG", hqp::Walker::kSag},
+      {"NOISE", hqp::Walker::kNoise}};
   for (const auto& [name, value] : constants) walker.attr(name) = value;
   nb::class_<LiveEstimator>(module, "FeetEstimator")
       .def(nb::init<const nb::object&, const Vector&>(), "tree"_a, "q"_a)

@@ -35,7 +35,9 @@ struct WalkState {
   Swing swing;
   Landing planned{};
   double t = 0.0, T = 0.0, since = 0.0, time = 0.0;  // time in the phase, its duration, time in the plan [s]
-  double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0, mean = 1.0, heavier = 1.0;
+  double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0;
+  double felt = 1.0, due = 1.0, heavier = 1.0;  // mean load, the one due to the motion, weight: shares of the model's
+  double rising = 0.0;                          // rate of the CoM's height one tick before [m/s]
   double sunk[2] = {};
   double quick = 1.0;    // time of the step, a share of that of the gait
   double wait = 0.0;     // time from the last landing to the shift of the ZMP [s]
@@ -76,7 +78,8 @@ class Walker {
   static constexpr double kAhead = 0.02;                     // largest error of a blocked swing foot's reference [m]
   static constexpr double kSoonest = 0.05;                   // after lift-off, and to the landing, of a correction [s]
   static constexpr double kWeighs = 2.0, kSag = 0.02;  // integral of the CoM's height error: gain [1/s], limit [m]
-  static constexpr double kWeighing = 2.0, kHeavier = 0.25;  // mean load: time constant [s], largest change of torques
+  static constexpr double kWeighing = 10.0, kHeavier = 0.25;  // mean load: time constant [s], largest change of torques
+  static constexpr double kSettles = 0.1;                     // time constant at the start [s]
 
   // Fields: see walking/walker.py.
   template <class Plan>
@@ -87,6 +90,7 @@ class Walker {
         pendulum_(p.number("pendulum")),
         k_(p.number("k")),
         weight_(p.number("weight")),
+        gravity_(p.number("gravity")),
         steepest_(p.number("steepest")),
         half_(p.number("half")),
         aims_(p.texts("why")),
@@ -95,7 +99,7 @@ class Walker {
     const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
     gait_ = {gait[0], gait[1], gait[2], gait[3], gait[4], gait[5]};
     footsteps_ = {gait_.period(), p.number("width"), {reach[0], reach[1], reach[2], reach[3]}};
-    ability_ = {gait_, footsteps_.reach, footsteps_.width, height_, p.number("gravity")};
+    ability_ = {gait_, footsteps_.reach, footsteps_.width, height_, gravity_};
     ability_.reach.forward = p.number("planned");
     for (const Plan& one : p.parts("soles")) soles_.push_back(Sole::of(one));
     need(soles_.size() == 2, "a walker has two soles");
@@ -146,12 +150,14 @@ class Walker {
     state_.command = {}, state_.walking = false;
     end_route();
   }
-  // Reasons for each difference from the latest `go` or `follow`, and for a ZMP beside the middle of a sole.
+  // Reasons for each difference from the latest `go` or `follow`, for a ZMP beside the middle of a sole, and for
+  // torques scaled by one percent or more.
   std::vector<std::string> why() const {
     if (!refused_.empty()) return {"stopped (" + refused_ + "): call session.resume()"};
     std::vector<std::string> found = aims_;
     for (const Limited& one : limited_) found.push_back(one.text());
     for (const Moved& one : moved_) found.push_back(one.text());
+    if (std::lround(100.0 * state_.heavier) != 100) found.push_back(weighed());
     return found;
   }
   // Footholds ahead, of a route.
@@ -554,16 +560,26 @@ class Walker {
     references_.swing_velocity = {path.v[0], path.v[1], path.v[2], 0.0, 0.0, path.v[3]};
     references_.swing_acceleration = {path.a[0], path.a[1], path.a[2], 0.0, 0.0, path.a[3]};
   }
-  // A robot heavier than its model needs so much more torque: estimate it by the mean load of the feet.
+  std::string weighed() const {
+    char found[160];
+    std::snprintf(found, sizeof found, "torques x %.2f: the feet bear %.0f N in the mean, %.0f by the model",
+                  state_.heavier, state_.felt * weight_, state_.due * weight_);
+    return found;
+  }
+  // A robot heavier than its model needs so much more torque: its mass is the impulse of the feet over that due to
+  // gravity and to the motion of the CoM, F dt = m (g dt + dv), also through impacts and flights.
   void weigh(double load) {
     WalkState& s = state_;
-    const double share = load / weight_;
-    if (!(std::fabs(share - 1.0) < 0.5)) return;  // no blow, no flight, no switch
-    s.mean += dt_ / std::min(std::max(s.time, dt_), kWeighing) * (share - s.mean);
-    s.heavier = held(s.mean, 1.0 - kHeavier, 1.0 + kHeavier);
+    const double v = biped_.velocity[2], due = 1.0 + (s.time > 0.0 ? (v - s.rising) / (gravity_ * dt_) : 0.0);
+    if (!std::isfinite(load + v)) return;
+    s.rising = v;
+    const double part = dt_ / std::min(std::max(s.time, kSettles), kWeighing);
+    s.felt += part * (load / weight_ - s.felt), s.due += part * (due - s.due);
+    if (s.due > 0.0) s.heavier = held(s.felt / s.due, 1.0 - kHeavier, 1.0 + kHeavier);
   }
 
-  double dt_, height_, omega_, pendulum_, k_, weight_, steepest_, half_;  // half: half the length of a sole [m]
+  double dt_, height_, omega_, pendulum_, k_, weight_, gravity_, steepest_,
+      half_;                       // half: half the length of a sole [m]
   std::vector<std::string> aims_;  // reasons for a ZMP beside the middle of a sole
   std::vector<double> rates_;
   RateObserver observer_;
