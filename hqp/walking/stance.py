@@ -58,17 +58,29 @@ def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:
 
 
 def borne(robot: Any, foot: Foot, q: Vec) -> Vec:
-    """Share of its largest torque that each motor bears while all the weight is on one foot, at rest ``(n,)``.
+    """Share of its largest torque that each motor bears with the ZMP at ``aim`` of one foot, at rest ``(n,)``.
 
-    The ground's wrench balances the weight: f = m g, moment (c - p) x f at the sole, U' tau = g(q) - J' (f, moment),
-    as near as motors with the actuation U get.
+    The CoM c accelerates away from the ZMP p as a pendulum, a = g / (c_z - p_z) (c - p) along the ground, with all
+    links: f = m (g + a), U' tau = g(q) + m J_c' a - J' (f, moment of f), as near as motors with the actuation U get.
     """
     state = robot.copy().state(q)
-    f = np.array([0.0, 0.0, -robot.mass * robot.gravity[2]])
-    moment = np.cross(state.com() - state.position(foot.frame), f)
-    needed = state.bias_force() - state.jacobian(foot.frame).T @ np.concatenate((f, moment))
+    c, at = state.com(), foot.placed(state)
+    p, up = np.array([at.x, at.y, at.z]), np.array([0.0, 0.0, -float(robot.gravity[2])])
+    away = up[2] / (c - p)[2] * (c - p) - up
+    f = robot.mass * (up + away)
+    moment = np.cross(p - state.position(foot.frame), f)
+    needed = state.bias_force() + robot.mass * state.com_jacobian().T @ away
+    needed -= state.jacobian(foot.frame).T @ np.concatenate((f, moment))
     tau = np.linalg.lstsq(robot.actuation.T, needed, rcond=None)[0]
     return np.asarray(np.abs(tau) / robot.effort_limit[robot.actuated])
+
+
+def overloaded(robot: Any, foot: Foot, start: Vec) -> list[str]:
+    """A reason for each motor that a step overloads: its share of torque where the other foot lifts off, the CoM still
+    between the feet."""
+    parts = zip(robot.joint_names, borne(robot, foot, start).tolist(), strict=True)
+    where = f"of its torque as the weight comes onto the {foot.name} foot: walks fall if that lasts"
+    return [f"{name} needs {100.0 * share:.0f} % {where}" for name, share in parts if share > 1.0]
 
 
 class Stance:

@@ -33,7 +33,7 @@ from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.preview import Ability
 from hqp.walking.stacks import Laws, Stacks
-from hqp.walking.stance import standing
+from hqp.walking.stance import overloaded, standing
 
 TOUCH, TAKE = _session.Walker.TOUCH, _session.Walker.TAKE
 """Share of the weight on a swing foot above which it has landed; shortest time in which a foot's share of the load
@@ -99,6 +99,9 @@ class Walker:
         self.feet = feet_of(robot, soles)
         self.start = standing(robot, self.feet, self.gait.lower)
         """Standing configuration before the walk ``(nq,)``; it may start from elsewhere."""
+        self._reasons = [foot.why for foot in self.feet if foot.why]
+        for foot in self.feet:
+            self._reasons += overloaded(robot, foot, self.start)
         home = robot.copy().state(self.start)
         self._first = one, other = self.feet[0].placed(home), self.feet[1].placed(home)
         self.height = float(home.com()[2]) - 0.5 * (one.z + other.z)
@@ -151,7 +154,7 @@ class Walker:
         ]
         return {
             **feet, "soles": soles, "half": max(foot.half for foot in self.feet),
-            "why": [foot.why for foot in self.feet if foot.why], "dt": self.dt, "gait": self.gait.numbers,
+            "why": self._reasons, "dt": self.dt, "gait": self.gait.numbers,
             "reach": astuple(self.footsteps.reach), "planned": self.ability.reach.forward,
             "width": self.footsteps.width, "height": self.height, "gravity": self.ability.gravity,
             "omega": self.omega, "pendulum": self.stacks.balance.omega(home),
@@ -180,7 +183,8 @@ class Walker:
 
     @property
     def why(self) -> tuple[str, ...]:
-        """Reasons for each difference from the latest ``go`` or ``follow``, for a ZMP beside the middle of a sole."""
+        """Reasons for each difference from the latest ``go`` or ``follow``, for a ZMP beside the middle of a sole, for
+        joints that steps overload, and for torques that the load of the feet scales (``heavier``)."""
         return tuple(self._native.why)
 
     @property

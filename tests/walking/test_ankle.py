@@ -109,6 +109,42 @@ def test_a_walker_names_feet_whose_zmp_is_moved(tmp_path: Path) -> None:
     assert batch.why(0) == named
 
 
+def lifted(robot: Any, foot: Foot, q: Any) -> Any:
+    """Share of its limit that each motor bears as the other foot lifts off, by Pinocchio's RNEA: links that accelerate
+    as one feel another gravity."""
+    model, data = robot.model.copy(), robot.model.createData()
+    c = pin.centerOfMass(model, data, q)
+    pin.framesForwardKinematics(model, data, q)
+    p = data.oMf[robot.frame(foot.frame)].act(np.array([*foot.aim, 0.0]))
+    felt = (c - p) * 9.81 / (c - p)[2]
+    model.gravity.linear = -felt
+    forces = pin.StdVec_Force()
+    for joint in range(model.njoints):
+        forces.append(pin.Force.Zero())
+        if joint == model.frames[robot.frame(foot.frame)].parentJoint:
+            forces[joint] = data.oMi[joint].actInv(pin.Force(robot.mass * felt, np.cross(p, robot.mass * felt)))
+    v = np.zeros(robot.nv)
+    tau = pin.rnea(model, model.createData(), q, v, v, forces)[robot.actuated]
+    return np.abs(tau) / robot.effort_limit[robot.actuated]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", ["g1", "romeo"])
+def test_joints_that_a_step_overloads_are_named(name: str, seed: int) -> None:
+    """Drawn torque limits above the feet; the base has no torque of its own in the judgement either."""
+    rng = np.random.default_rng(seed)
+    robot = hqp.robots.load(name)
+    legs = robot.joints([joint for foot in feet_of(robot) for joint in foot.leg[:3]])
+    robot.effort_limit[legs] *= rng.uniform(0.2, 1.2, legs.size)
+    walker = Walker(robot, deadline=math.inf)
+    expected = []
+    for foot in walker.feet:
+        shares = zip(robot.joint_names, lifted(robot, foot, walker.start), strict=True)
+        expected += [f"{joint} needs {100.0 * share:.0f} % of" for joint, share in shares if share > 1.0]
+    named = [why for why in walker.why if " needs " in why]
+    assert [why.split(" its ")[0] for why in named] == expected
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("weaker", [0.3, 0.35])
 def test_a_weak_ankle_walks(weaker: float) -> None:

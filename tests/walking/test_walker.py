@@ -230,12 +230,14 @@ def test_it_stands_as_low_as_its_knees_bear(name: str, lower: float) -> None:
 
 
 def test_what_joints_bear_on_one_foot_is_the_balance_of_the_free_base() -> None:
-    """The sole's wrench that leaves the base without force gives equal torques."""
+    """The sole's wrench that leaves the base to accelerate away from the ZMP, with all links, gives equal torques."""
     robot = hqp.robots.load("romeo", rotors=True)
     feet = feet_of(robot)
     state = robot.copy().state(standing(robot, feet, 0.03))
     for foot in feet:
-        J, g = state.jacobian(foot.frame), state.bias_force()
+        at, c = foot.placed(state), state.com()
+        away = 9.81 * (c - [at.x, at.y, at.z]) / (c[2] - at.z) - [0.0, 0.0, 9.81]
+        J, g = state.jacobian(foot.frame), state.bias_force() + robot.mass * state.com_jacobian().T @ away
         wrench = np.linalg.solve(J[:, :6].T, g[:6])
         torque = (g - J.T @ wrench)[robot.actuated]
         limits = robot.effort_limit[robot.actuated]
