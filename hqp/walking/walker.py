@@ -13,6 +13,7 @@ import numpy as np
 from hqp import _session
 from hqp.angles import wrapped
 from hqp.arrays import Vec
+from hqp.declare.law import PD
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
@@ -126,7 +127,7 @@ class Walker:
         )
         laws = laws or Laws()
         self.stacks = stacks = Stacks(robot, self.feet, self.height, friction, laws, limits, self.start)
-        formulation = Torque(contact_law=laws.contact, holding=None)
+        formulation = Torque(contact_law=laws.contact, loop_law=PD(0.0, 0.0), holding=None)  # gears hold by themselves
         controller = Controller(self.stacks.stack, formulation, price=price, braking=Braking(resume="auto"))
         if deadline is not None:
             controller = replace(controller, deadline=deadline)

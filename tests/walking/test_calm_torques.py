@@ -100,6 +100,21 @@ def test_rates_stay_near_measured_ones(seed: int) -> None:
     np.testing.assert_allclose((found - v - blow)[3:], -0.06 * np.sign(blow)[3:], atol=1e-9)
 
 
+def test_rates_that_gears_exclude_move_no_motor() -> None:
+    """Noise on the fingers of Talos, which gears couple to a motor of 1 N m: it reversed 100 times a second."""
+    rng = np.random.default_rng(0)
+    robot = hqp.robots.load("talos_full_v2", rotors=True)
+    fingers = np.array([c for c in range(6, robot.nv) if c not in robot.actuated])
+    walker = Walker(robot, dt=DT, bandwidth=math.inf, deadline=math.inf)
+    torques = []
+    for _ in range(20):
+        v = np.zeros(robot.nv)
+        v[fingers] = 0.02 * rng.normal(size=fingers.size)
+        torques.append(walker.step(robot.state(walker.start, v)).command.copy())
+    assert fingers.size == 12
+    assert np.all(np.ptp(torques, axis=0) < LEAST * robot.effort_limit[robot.actuated])
+
+
 def test_a_bad_bandwidth_is_named() -> None:
     robot = hqp.robots.load("g1", rotors=True)
     for bandwidth in (0.0, -1.0, math.nan):
