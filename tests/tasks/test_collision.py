@@ -451,6 +451,7 @@ def test_a_ball_goes_around_a_post_and_stops_at_a_wall(formulation: hqp.Formulat
     assert np.percentile(rates[1:], 99) < 60.0
 
 
+@pytest.mark.slow
 def test_from_inside_it_comes_out_at_the_recovery_speed_with_the_feet_where_they_are(talos: Any) -> None:
     avoid = CollisionAvoidance(world=(shapes.sphere("ball", 0.1),), recovery=0.08)
     feet = [FixedContact(frame=f) for f in talos.landmarks["soles"]]
