@@ -431,6 +431,7 @@ class Walker:
     HEAVIER: float
     WEIGHING: float
     SETTLES: float
+    UNFELT: float
     SAG: float
     NOISE: float
     state: WalkState

@@ -245,6 +245,15 @@ def test_impacts_and_flights_do_not_change_the_weight(seed: int) -> None:
     assert walker.state.heavier == pytest.approx(share, abs=2e-3)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.4])
+def test_loads_that_the_feet_do_not_feel_change_no_weight(share: float) -> None:
+    """Sensors that are dead, or another link that bears the rest, while the CoM stays where it is."""
+    walker, torques = Alone(), np.zeros(3)
+    for k in range(5000):
+        walker.native.finish(torques, np.array([0.5, 0.5]) * (1.1 if k < 2500 else 1.1 * share) * WEIGHT)
+    assert walker.state.heavier == pytest.approx(1.1, abs=0.02)
+
+
 def test_torques_that_the_load_scales_are_named() -> None:
     for share in (1.004, 1.1, 0.9):
         walker, torques = Alone(), np.zeros(3)

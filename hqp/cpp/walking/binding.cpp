@@ -349,8 +349,8 @@ void bind_walking(nb::module_& module) {
       {"AHEAD", hqp::Walker::kAhead},     {"CORRECTION", hqp::Walker::kCorrection},
       {"CREEPS", hqp::Walker::kCreeps},   {"LAST", hqp::Walker::kLast},
       {"HEAVIER", hqp::Walker::kHeavier}, {"WEIGHING", hqp::Walker::kWeighing},
-      {"SETTLES", hqp::Walker::kSettles}, {"SAG", hqp::Walker::kSag},
-      {"NOISE", hqp::Walker::kNoise}};
+      {"SETTLES", hqp::Walker::kSettles}, {"UNFELT", hqp::Walker::kUnfelt},
+      {"SAG", hqp::Walker::kSag},         {"NOISE", hqp::Walker::kNoise}};
   for (const auto& [name, value] : constants) walker.attr(name) = value;
   nb::class_<LiveEstimator>(module, "FeetEstimator")
       .def(nb::init<const nb::object&, const Vector&>(), "tree"_a, "q"_a)

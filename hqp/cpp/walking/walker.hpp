@@ -37,6 +37,7 @@ struct WalkState {
   double t = 0.0, T = 0.0, since = 0.0, time = 0.0;  // time in the phase, its duration, time in the plan [s]
   double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0;
   double felt = 1.0, due = 1.0, heavier = 1.0;  // mean load, the one due to the motion, weight: shares of the model's
+  double soon_felt = 1.0, soon_due = 1.0;       // the same of the last kSettles
   double rising = 0.0;                          // rate of the CoM's height one tick before [m/s]
   double sunk[2] = {};
   double quick = 1.0;    // time of the step, a share of that of the gait
@@ -80,6 +81,7 @@ class Walker {
   static constexpr double kWeighs = 2.0, kSag = 0.02;  // integral of the CoM's height error: gain [1/s], limit [m]
   static constexpr double kWeighing = 10.0, kHeavier = 0.25;  // mean load: time constant [s], largest change of torques
   static constexpr double kSettles = 0.1;                     // time constant at the start [s]
+  static constexpr double kUnfelt = 0.5;  // share of the load that is due below which something else bears the rest
 
   // Fields: see walking/walker.py.
   template <class Plan>
@@ -573,7 +575,9 @@ class Walker {
     const double v = biped_.velocity[2], due = 1.0 + (s.time > 0.0 ? (v - s.rising) / (gravity_ * dt_) : 0.0);
     if (!std::isfinite(load + v)) return;
     s.rising = v;
-    const double part = dt_ / std::min(std::max(s.time, kSettles), kWeighing);
+    const double settles = dt_ / kSettles, part = dt_ / std::min(std::max(s.time, kSettles), kWeighing);
+    s.soon_felt += settles * (load / weight_ - s.soon_felt), s.soon_due += settles * (due - s.soon_due);
+    if (s.soon_felt < kUnfelt * s.soon_due) return;
     s.felt += part * (load / weight_ - s.felt), s.due += part * (due - s.due);
     if (s.due > 0.0) s.heavier = held(s.felt / s.due, 1.0 - kHeavier, 1.0 + kHeavier);
   }
