@@ -56,7 +56,7 @@ def execute(arguments: argparse.Namespace) -> int:
         walker.go(*wanted)
         motion = walker.plan(arguments.seconds, arguments.fps)
         motion.save(arguments.output)
-        print(f"{len(motion.q)} frames of {robot.name} in {arguments.output}")
+        print(f"{motion}; written to {arguments.output}")
         return 0
     if not arguments.view:
         return _simulate(walker, wanted, arguments.seconds)

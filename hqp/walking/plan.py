@@ -24,7 +24,8 @@ class Walk:
 
     q: base position [m], its quaternion xyzw, joints [rad].  v: velocity of the base in its own axes [m/s, rad/s],
     joints [rad/s].  contacts: true while the foot of that name stands.  fps [1/s].  joint_names: order of the entries
-    behind the base, along each limb before the next.  phases: ``(T,)``, of the walker.
+    behind the base, along each limb before the next.  phases: ``(T,)``, of the walker.  remarks: ``walker.why``, and
+    the reason if no foot is lifted.
     """
 
     robot: str
@@ -35,12 +36,14 @@ class Walk:
     joint_names: tuple[str, ...]
     contact_names: tuple[str, ...]
     fps: float
+    remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Duration, and number of landings of each foot."""
+        """Duration, number of landings of each foot, and remarks."""
         lands = np.sum(np.diff(np.asarray(self.contacts, dtype=int), axis=0) > 0, axis=0)
         feet = ", ".join(f"{name} foot {count}" for name, count in zip(self.contact_names, lands, strict=True))
-        return f"{self.robot}: {len(self.q)} frames, {len(self.q) / self.fps:.1f} s; landings: {feet}"
+        text = f"{self.robot}: {len(self.q)} frames, {len(self.q) / self.fps:.1f} s; landings: {feet}"
+        return "; ".join((text, *self.remarks))
 
     def save(self, path: str | Path) -> None:
         """Write q, v, contacts, fps, names and orders as .npz; raises DeclarationError for another suffix."""
@@ -55,7 +58,7 @@ class Walk:
         )  # fmt: skip
 
 
-def predict(walker: Walker, seconds: float, fps: float) -> Walk:
+def predict(walker: Walker, seconds: float, fps: float, remarks: tuple[str, ...] = ()) -> Walk:
     """Integrate the walker's model from its start: contacts hold, feet land at the ground.
 
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
@@ -65,7 +68,7 @@ def predict(walker: Walker, seconds: float, fps: float) -> Walk:
     robot, dt = walker.robot, walker.dt
     q, v = walker.start, np.zeros(robot.nv)
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
-    count = round(seconds * fps) + 1
+    count, walks, stopping = round(seconds * fps) + 1, walker.walking, walker.stopping_time
     for k in range(round(seconds / dt) + 1):
         if walker.walking and walker.time > seconds - walker.stopping_time:
             walker.stop()
@@ -82,7 +85,11 @@ def predict(walker: Walker, seconds: float, fps: float) -> Walk:
     where, rates, contacts, phases = zip(*frames, strict=True)
     names = robot.joint_names
     contact_names = tuple(foot.name for foot in walker.feet)
-    return Walk(robot.name, np.array(where), np.array(rates), np.array(contacts), phases, names, contact_names, fps)
+    if walks and "swing" not in phases:
+        least = stopping + walker.gait.first
+        remarks += (f"no step in {seconds:.4g} s: a stop takes up to {stopping:.2g} s, so that steps need {least:.2g}",)
+    arrays = np.array(where), np.array(rates), np.array(contacts)
+    return Walk(robot.name, *arrays, phases, names, contact_names, fps, remarks)
 
 
 def advance(walker: Walker, q: Vec, v: Vec) -> tuple[Vec, Vec, Tick]:

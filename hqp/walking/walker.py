@@ -290,7 +290,7 @@ class Walker:
             twin.follow(self.ahead)
         elif self.walking:
             twin.go(*astuple(self.command))
-        return predict(twin, seconds, fps)
+        return predict(twin, seconds, fps, self.why)
 
     def export(self, path: str | Path, *, key: bytes | None = None) -> None:
         """Write walker and session to a file: for C++ without Python (``WalkingSession``) and for ``Walkers.load``.

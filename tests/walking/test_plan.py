@@ -73,6 +73,19 @@ def test_frames_are_as_far_apart_as_their_rate_says() -> None:
             np.testing.assert_allclose(q[:3], low[:3] + share * (high[:3] - low[:3]), rtol=0.0, atol=1e-6)
 
 
+def test_a_plan_without_a_step_says_so() -> None:
+    walker = Walker(hqp.robots.load("g1", rotors=True))
+    assert walker.plan(0.1).remarks == ()
+    walker.go(0.2)
+    least = walker.stopping_time + walker.gait.first
+    assert walker.plan(least + 0.1).remarks == ()
+    short = walker.plan(least - 0.1)
+    assert "swing" not in short.phases
+    assert f"no step in {least - 0.1:.4g} s" in str(short)
+    walker.go(3.0)
+    assert walker.plan(0.1).remarks[:-1] == walker.why != ()
+
+
 @pytest.mark.parametrize("side", [0, 1])
 @pytest.mark.parametrize(("height", "share"), [(0.1, 0.0), (0.0, 0.1)])
 def test_a_swing_foot_on_the_ground_takes_a_tenth_of_the_weight(side: int, height: float, share: float) -> None:
