@@ -159,7 +159,8 @@ def standing_axes(robot: Any, left: int, right: int) -> Mat:
 def foot_joints(robot: Any) -> tuple[int, int]:
     """The joints whose links have the lowest collision shapes at home, the left one first; raises ModelError.
 
-    Soles reach further from their ankles ahead than behind; if they do not, ahead is the x axis of the base (REP 103).
+    Soles reach further from their ankles ahead than behind; if they do not, or if their joints are not above them,
+    ahead is the x axis of the base (REP 103).
     """
     robot.state(robot.home).kinematics()
     lowest: dict[int, float] = {}
@@ -188,10 +189,12 @@ def foot_joints(robot: Any) -> tuple[int, int]:
 
 
 def _toes(robot: Any, joint: int, ahead: Vec) -> float:
-    """Distance of the middle of a sole ahead of its joint, as a share of its length."""
+    """Distance of the middle of a sole ahead of its joint, as a share of its length; 0 if the joint is not above it."""
     turn = _levelled(robot, joint)
     cloud = _turned(robot, joint, turn) - turn @ robot.data.oMi[joint].translation
     along = cloud[cloud[:, 2] < cloud[:, 2].min() + SOLE] @ ahead
+    if not along.min() <= 0.0 <= along.max():
+        return 0.0
     return float(0.5 * (along.max() + along.min()) / max(float(np.ptp(along)), SOLE))
 
 

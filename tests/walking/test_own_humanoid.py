@@ -35,6 +35,19 @@ def test_feet_are_those_of_the_catalogue(name: str) -> None:
             assert len(sole(robot, frame)) >= 3
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_bent_knees_do_not_turn_a_robot_on_point_feet(seed: int) -> None:
+    """A ball below a knee that is bent forwards or backwards does not show which way is ahead."""
+    robot, rng = hqp.robots.load("bolt", floating=True), np.random.default_rng(seed)
+    angles, bend = robot.state(robot.home).angles.copy(), rng.uniform(-1.2, 1.2)
+    for side in ("FL", "FR"):
+        hip, knee = robot.joints([f"{side}_HFE", f"{side}_KFE"])
+        angles[hip], angles[knee] = -0.5 * bend, bend
+    robot.set_home(robot.configuration(angles))
+    robot, soles = feet(robot)
+    assert [frame[:2] for frame in soles] == ["FL", "FR"]
+
+
 @pytest.mark.parametrize("name", ["go2", "ur5"])
 def test_what_has_no_two_feet_is_refused(name: str) -> None:
     robot = hqp.robots.load(hqp.robots.load(name).source, floating=True)
