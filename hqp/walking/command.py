@@ -72,7 +72,7 @@ def execute(arguments: argparse.Namespace) -> int:
             view.show(state, tick)
             command = keys.command()
             if command is not None:
-                walker.stop() if command == (0.0, 0.0, 0.0) else walker.go(*command)
+                walker.stop() if command == (0.0, 0.0, 0.0) else _go(walker, command)
             due = max(due + walker.dt, time.perf_counter())
             time.sleep(max(0.0, due - time.perf_counter()))
 
@@ -97,6 +97,12 @@ def _biped(arguments: argparse.Namespace) -> tuple[Any, tuple[str, ...] | None]:
     return robot, soles
 
 
+def _go(walker: Walker, wanted: tuple[float, ...]) -> None:
+    """Walk at a velocity, and print the reasons of the walker."""
+    walker.go(*wanted)
+    print(*walker.why, sep="\n", end="\n" if walker.why else "")
+
+
 def _simulate(
     walker: Walker, wanted: tuple[float, ...] | None, seconds: float, each: Callable[[Any, Any], None] | None = None
 ) -> int:
@@ -107,7 +113,7 @@ def _simulate(
     stops, since = STAND + seconds, 0.0
     while plant.time < stops or walker.phase != "stand" or plant.time < since + STAND:
         if wanted is not None and plant.time >= STAND and not walker.walking and plant.time < stops:
-            walker.go(*wanted)
+            _go(walker, wanted)
         if plant.time >= stops:
             walker.stop()
         tick = course.step()
