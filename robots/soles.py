@@ -10,6 +10,7 @@ import pinocchio as pin
 from hqp.arrays import Mat, Vec
 from hqp.errors import ModelError
 
+from .knees import knee
 from .surface import surface
 
 SOLE = 4e-3
@@ -26,6 +27,9 @@ TIPPED, FLAT = np.deg2rad(40.0), np.deg2rad(2.0)
 
 TOES = 0.05
 """A sole whose middle is off its ankle by less, as a share of its length, does not show which way is ahead."""
+
+BENDS = 0.1
+"""Knees whose ranges bend the legs by less, at their middle, do not show which way is ahead [rad]."""
 
 ROLLS = np.deg2rad(10.0)
 """Faces of a sole are turned by less from level: on a steeper one a foot would roll before it stands."""
@@ -159,16 +163,17 @@ def standing_axes(robot: Any, left: int, right: int) -> Mat:
 def foot_joints(robot: Any) -> tuple[int, int]:
     """The joints whose links have the lowest collision shapes at home, the left one first; raises ModelError.
 
-    Soles reach further from their ankles ahead than behind; if they do not, or if their joints are not above them,
-    ahead is the x axis of the base (REP 103).
+    Knees bend ahead, if their limits show to which side; else soles reach further ahead than behind, if their ankles
+    are above them; else ahead is the x axis of the base (REP 103).
     """
     robot.state(robot.home).kinematics()
     lowest: dict[int, float] = {}
     for item in robot.geometry.geometryObjects:
         joint = int(item.parentJoint)
-        if joint > 1:
+        if joint > 0:
             low = float(_placed_in_world(robot, item)[:, 2].min())
             lowest[joint] = min(low, lowest.get(joint, np.inf))
+    base = lowest.pop(1, np.inf)
     first = min(lowest, key=lowest.__getitem__, default=0)
     rest = [j for j in lowest if j not in robot.model.supports[first] and first not in robot.model.supports[j]]
     second = min(rest, key=lowest.__getitem__, default=0)
@@ -176,6 +181,8 @@ def foot_joints(robot: Any) -> tuple[int, int]:
     more = [j for j in level if j not in robot.model.supports[second] and second not in robot.model.supports[j]]
     if not lowest:
         raise ModelError(f"{robot.name}: no moving link has collision shapes; needed the shapes of two soles")
+    if base < lowest[first]:
+        raise ModelError(f"{robot.name}: its base is below the lowest other link: it stands on no feet")
     if len(level) < 1 or more:
         names = ", ".join(robot.model.names[j] for j in (first, *level)) or "none"
         raise ModelError(
@@ -183,9 +190,28 @@ def foot_joints(robot: Any) -> tuple[int, int]:
             "needed one joint on each side: name the soles"
         )
     ahead = standing_axes(robot, first, second)[:, 0]
-    toes = sum(_toes(robot, joint, ahead) for joint in (first, second))
-    faced = toes if abs(toes) > 2.0 * TOES else robot.state(robot.home).rotation(_body(robot, 1))[:, 0] @ ahead
+    faced = sum(_bends(robot, *pair, ahead) for pair in ((first, second), (second, first)))
+    if abs(faced) <= 2.0 * BENDS:
+        faced = sum(_toes(robot, joint, ahead) for joint in (first, second))
+        if abs(faced) <= 2.0 * TOES:
+            faced = float(robot.state(robot.home).rotation(_body(robot, 1))[:, 0] @ ahead)
     return (first, second) if faced > 0.0 else (second, first)
+
+
+def _bends(robot: Any, joint: int, other: int, ahead: Vec) -> float:
+    """Angle by which the middle of a knee's range bends its leg, with the sign of ahead [rad]; 0 without limits."""
+    model, beside = robot.model, robot.model.supports[other].tolist()
+    own = [j for j in robot.model.supports[joint].tolist() if j not in beside and model.joints[j].nv == 1]
+    if len(own) < 3:
+        return 0.0
+    name, bend = knee(robot, [model.names[j] for j in own], robot.home)
+    column = int(robot.joints([name])[0])
+    middle = 0.5 * (robot.lower[column] + robot.upper[column])
+    if not np.isfinite(middle):
+        return 0.0
+    state = robot.state(robot.home)
+    way = state.jacobian(model.names[own[-1]])[:3, column] @ ahead
+    return float(-np.sign(way) * (middle - state.angles[column] + bend))
 
 
 def _toes(robot: Any, joint: int, ahead: Vec) -> float:

@@ -23,6 +23,8 @@ def test_a_shipped_map_fits_and_a_suggested_one_is_much_the_same(name: str) -> N
     arm = [b.length("shoulder", "elbow") + b.length("elbow", "hand") for b in (body, suggested)]
     assert arm[1] == pytest.approx(arm[0], rel=0.45)
     for side in ("left", "right"):
+        for part in ("knee", "sole", "hand"):
+            assert suggested.places[f"{side}_{part}"][1] * body.places[f"{side}_{part}"][1] > 0.0
         np.testing.assert_allclose(body.places[f"{side}_sole"][2], 0.0, atol=2e-3)
         assert body.toes[side][0] > 0.02
 

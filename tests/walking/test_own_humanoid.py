@@ -16,7 +16,7 @@ from hqp.robots.soles import feet, sole
 from hqp.walking import Walker
 
 
-@pytest.mark.parametrize("name", ["talos", "g1", "romeo"])
+@pytest.mark.parametrize("name", ["talos", "g1", "romeo", "icub"])
 def test_feet_are_those_of_the_catalogue(name: str) -> None:
     """Left and right, at any heading of the base, with a level frame and a sole."""
     known = hqp.robots.load(name)
@@ -46,6 +46,12 @@ def test_bent_knees_do_not_turn_a_robot_on_point_feet(seed: int) -> None:
     robot.set_home(robot.configuration(angles))
     robot, soles = feet(robot)
     assert [frame[:2] for frame in soles] == ["FL", "FR"]
+
+
+def test_a_robot_whose_base_is_below_its_links_has_no_feet() -> None:
+    """Baxter's pedestal stands on the floor; its lowest other links are its shoulders."""
+    with pytest.raises(ModelError, match="base is below"):
+        feet(hqp.robots.load("baxter", floating=True))
 
 
 @pytest.mark.parametrize("name", ["go2", "ur5"])
