@@ -71,8 +71,10 @@ class Course:
         self.walker, robot = walker, walker.robot
         soles = [foot.frame for foot in walker.feet]
         self.base: str = base_of(robot)
+        placed = robot.copy()
+        placed.set_home(walker.start)  # links whose convex hulls overlap there do not touch each other in the plant
         self.plant = Plant(
-            robot,
+            placed,
             terrain=terrain or Plane(friction=0.6),
             sensors=sensors or Sensors(),
             imu=self.base,

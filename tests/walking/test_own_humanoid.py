@@ -14,6 +14,7 @@ from hqp.__main__ import main
 from hqp.errors import DeclarationError, ModelError
 from hqp.robots.soles import feet, sole
 from hqp.walking import Walker
+from hqp.walking.course import Course
 
 
 @pytest.mark.parametrize("name", ["talos", "g1", "romeo", "icub"])
@@ -46,6 +47,18 @@ def test_bent_knees_do_not_turn_a_robot_on_point_feet(seed: int) -> None:
     robot.set_home(robot.configuration(angles))
     robot, soles = feet(robot)
     assert [frame[:2] for frame in soles] == ["FL", "FR"]
+
+
+@pytest.mark.parametrize("name", ["icub", *(pytest.param(n, marks=pytest.mark.slow) for n in ("talos", "g1", "romeo"))])
+def test_links_do_not_push_each_other_apart_at_the_start(name: str) -> None:
+    """From a file whose home has straight legs; convex hulls of iCub's thigh and chest overlap as it is lowered."""
+    robot, soles = feet(hqp.robots.load(hqp.robots.load(name).source, floating=True, rotors=True))
+    course = Course(Walker(robot, soles=soles))
+    model, begun = course.plant.model, course.plant.com()
+    for _ in range(200):
+        course.step()
+        assert (model.geom_bodyid[course.plant.data.contact.geom] == 0).any(axis=1).all()
+    assert np.linalg.norm(course.plant.com() - begun) < 5e-3
 
 
 def test_a_robot_whose_base_is_below_its_links_has_no_feet() -> None:
