@@ -77,7 +77,8 @@ def free_frames(spec: Any, robot: Any) -> None:
     known = bodies | {site.name for site in spec.sites}
     for frame in robot.model.frames:
         host = _host(robot, frame)
-        if frame.type == pin.FrameType.OP_FRAME and host in bodies and frame.name.removesuffix("_site") not in known:
+        own = known.isdisjoint((frame.name, frame.name.removesuffix("_site")))
+        if frame.type == pin.FrameType.OP_FRAME and host in bodies and own:
             local = _placement_in(robot, host, frame.placement)
             wxyz = pin.Quaternion(local.rotation)
             spec.body(host).add_site(name=frame.name, pos=local.translation, quat=[wxyz.w, wxyz.x, wxyz.y, wxyz.z])

@@ -53,6 +53,16 @@ def test_a_name_of_a_body_and_a_site_is_the_bodys(tmp_path: Path) -> None:
         np.testing.assert_allclose(plant.place(frame)[0], state.position(frame), atol=1e-12)
 
 
+def test_sites_keep_their_names_beside_frames_of_the_robot_alone(tmp_path: Path) -> None:
+    """Names of sites that end in _site, with and without a body of the rest of the name."""
+    text = FINGER.replace('<site name="palm" pos="0 0 .01"/>', '<site name="nail_site" pos="0 0 .01"/>')
+    text = text.replace('<site name="tip" pos="0 0 .06"/>', '<site name="palm_site" pos="0 0 .06"/>')
+    robot = load(tmp_path, text).with_frame("pad", "tip", np.array([0.0, 0.0, 0.02]))
+    plant, state = Plant(robot), robot.state()
+    for frame in ("nail_site", "palm_site", "pad", "tip", "palm"):
+        np.testing.assert_allclose(plant.place(frame)[0], state.position(frame), atol=1e-12)
+
+
 @pytest.mark.parametrize("actuation", ["torque", "position"])
 def test_a_plant_of_a_file_with_names_and_motors_of_its_own(tmp_path: Path, actuation: Any) -> None:
     """The camera and the box share names with the scene's; the servo's control range is no limit of torque."""
