@@ -27,7 +27,8 @@ class Body:
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
     ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
     corners: corners of the rectangle around each sole, in the same axes ``(4, 3)``.  soles: corners of the sole itself,
-    counter-clockwise ``(m, 3)``.  thickness: least height of each hand whose capsules are above the floor [m].
+    counter-clockwise ``(m, 3)``.  legs: outline of each sole and of the shank above it, from above ``(m, 2)``.
+    thickness: least height of each hand whose capsules are above the floor [m].
     """
 
     places: dict[str, Vec]
@@ -38,6 +39,7 @@ class Body:
     heels: dict[str, Vec]
     corners: dict[str, Mat]
     soles: dict[str, Mat]
+    legs: dict[str, Mat]
     thickness: dict[str, float]
 
     @staticmethod
@@ -57,16 +59,18 @@ class Body:
                     )
         hips = 0.5 * (places["left_hip"] + places["right_hip"])
         levers = {side: places[f"{side}_sole"] - places[f"{side}_ankle"] for side in SIDES}
-        toes, heels, corners, soles = {}, {}, {}, {}
+        toes, heels, corners, soles, legs = {}, {}, {}, {}, {}
         for side in SIDES:
             outline = _outline(robot, found.frames[f"{side}_sole"], places[f"{side}_sole"])
             low, high = outline.min(axis=0), outline.max(axis=0)
             soles[side] = np.column_stack((outline, np.zeros(len(outline))))
             toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
+            points = np.vstack((outline, _shank(robot, found.frames[f"{side}_knee"]) - levers[side][:2]))
+            legs[side] = points[hull(points)]
             corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         middle = axes["pelvis"].T @ (hips - places["pelvis"])
         thickness = {side: _thickness(robot, found.frames[f"{side}_hand"], places[f"{side}_hand"]) for side in SIDES}
-        return Body(places, axes, middle, levers, toes, heels, corners, soles, thickness)
+        return Body(places, axes, middle, levers, toes, heels, corners, soles, legs, thickness)
 
     def length(self, one: str, two: str) -> float:
         """Length of a limb, the mean of both sides [m]."""
@@ -100,6 +104,16 @@ def _thickness(robot: Robot, frame: str, place: Vec) -> float:
     axes = ((np.array(c.a)[None], np.array(c.b)[None]) for c in own)
     depths = (c.radius - float(of_axes(at, at, *axis)[0]) for c, axis in zip(own, axes, strict=True))
     return max((0.0, *depths))
+
+
+def _shank(robot: Robot, frame: str) -> Mat:
+    """Corners of a circle as thick as the thickest capsule of a link ``(n, 2)``, its middle without shapes [m]."""
+    body, turn = robot.body(robot.frame(frame)), np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    try:
+        radius = max((capsule.radius for capsule in robot.capsules if capsule.body == body), default=0.0)
+    except ModelError:
+        radius = 0.0
+    return radius * np.column_stack((np.cos(turn), np.sin(turn)))
 
 
 def _outline(robot: Robot, frame: str, place: Vec) -> Mat:

@@ -9,8 +9,9 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 
+from .beside import Pair, aside, part, seen
 from .body import Body
-from .clip import low_pass
+from .clip import low_pass, unit
 from .contacts import BESIDE, LEVEL, Contacts, Mask, runs, smooth
 from .joints import SIDES
 from .smoothing import LIVELY
@@ -160,18 +161,44 @@ def _cheapest(own: Mat, least: list[int], change: float) -> list[int]:
 def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
     """Place feet as the schedule has them: flat or on the toe at one place while they stand, clear of the ground else.
 
-    A foot in the air keeps the person's motion, shifted to the places before and after.
+    A foot in the air keeps the person's motion, shifted to the places before and after.  Stances are moved apart, and
+    swings aside, until outlines of soles and shanks do not overlap from above: robots' legs are thicker.
     """
     places, axes, edge = dict(targets.places), dict(targets.axes), {}
     resting, ground = dict(targets.contacts.resting), dict(targets.contacts.ground)
     feet = [_Foot(targets, body, side, schedule, k) for k, side in enumerate(SIDES)]
+    ways = _lateral(targets, body)
+    left, right = feet
+    part((left.spots, right.spots), _pairs(left, right, ways))
     heights = iter(levelled(np.vstack([foot.spots for foot in feet]), body.leg))
     for side, foot in zip(SIDES, feet, strict=True):
         foot.spots[:, 2] = [next(heights) for _ in foot.spots]
         sole, name = f"{side}_sole", f"{side}_foot"
         places[sole], axes[sole], ground[name] = foot.placed()
         edge[side], resting[name] = foot.toes.astype(np.int8), foot.mask
+    upright = {side: axes[f"{side}_sole"] @ body.axes[f"{side}_sole"].T for side in SIDES}
+    for side, other, foot, sign in zip(SIDES, SIDES[::-1], feet, (1.0, -1.0), strict=True):
+        path, beside = places[f"{side}_sole"], places[f"{other}_sole"]
+        for first, last in foot.swings:
+            here, legs = slice(first, last), body.legs[other]
+            around = [seen(legs, p, R) for p, R in zip(beside[here], upright[other][here], strict=True)]
+            path[here] = aside(path[here], upright[side][here], body.legs[side], around, sign * ways[here])
     return replace(targets, places=places, axes=axes, edge=edge, contacts=Contacts(resting, ground))
+
+
+def _lateral(targets: Targets, body: Body) -> Mat:
+    """Horizontal directions to the left of the hips ``(T, 2)``."""
+    return unit((targets.axes["hips"] @ body.axes["pelvis"].T)[:, :2, 1])
+
+
+def _pairs(left: _Foot, right: _Foot, ways: Mat) -> list[Pair]:
+    """Stances of both feet that share time."""
+    return [
+        Pair(i, j, left.outline(i), right.outline(j), unit(ways[max(a, c) : min(b, d)].mean(axis=0)))
+        for i, (a, b) in enumerate(left.stances)
+        for j, (c, d) in enumerate(right.stances)
+        if max(a, c) < min(b, d)
+    ]
 
 
 def levelled(spots: Mat, leg: float) -> Vec:
@@ -197,7 +224,7 @@ class _Foot:
 
     def __init__(self, targets: Targets, body: Body, side: str, schedule: Schedule, k: int) -> None:
         self.mask, self._beside, self.toes = schedule.stands[:, k], schedule.stands[:, 1 - k], schedule.toes[:, k]
-        self._home, self._fps = body.axes[f"{side}_sole"], targets.fps
+        self._home, self._fps, self._outline = body.axes[f"{side}_sole"], targets.fps, body.legs[side]
         rest, ground = targets.contacts.resting[f"{side}_foot"], targets.contacts.ground[f"{side}_foot"]
         R = targets.axes[f"{side}_sole"] @ self._home.T
         self._yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
@@ -205,8 +232,8 @@ class _Foot:
         self._tilt = (1.0 - smooth(self.mask & ~self.toes, targets.fps, FLATTENS)) * tilt
         self._pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
         self._place = targets.places[f"{side}_sole"] - _rolled(R, self._yaw, self._pivot)
-        self._stances, self.spots, self._headings = runs(self.mask), np.zeros((0, 3)), []
-        for first, last in self._stances:
+        self.stances, self.spots, self._headings = runs(self.mask), np.zeros((0, 3)), []
+        for first, last in self.stances:
             known = first + np.flatnonzero(rest[first:last])
             used = known if known.size else np.arange(first, last)
             high = known.size and float(np.median(ground[known])) > 0.0
@@ -214,11 +241,21 @@ class _Foot:
             self.spots = np.vstack((self.spots, [*np.median(self._place[used, :2], axis=0), above]))
             self._headings.append(float(np.median(self._yaw[used])))
 
+    @property
+    def swings(self) -> list[tuple[int, int]]:
+        """First and end of every swing between two stances."""
+        return [(first, last) for first, last in runs(~self.mask) if first > 0 and last < len(self.mask)]
+
+    def outline(self, stance: int) -> Mat:
+        """Outline of the leg in a stance about its spot, from above ``(m, 2)`` [m]."""
+        yaw, flat = np.array([self._headings[stance]]), np.zeros(1)
+        return seen(self._outline, np.zeros(2), turned(yaw, flat)[0])
+
     def placed(self) -> tuple[Mat, Mat, Vec]:
         """Places ``(T, 3)`` and axes ``(T, 3, 3)`` of the sole at its spots, and the height under it ``(T,)``."""
         frames = len(self.mask)
         shift, turn, level = np.zeros((frames, 3)), np.zeros(frames), np.zeros(frames)
-        for (first, last), spot, heading in zip(self._stances, self.spots, self._headings, strict=True):
+        for (first, last), spot, heading in zip(self.stances, self.spots, self._headings, strict=True):
             here = slice(first, last)
             level[here], shift[here], turn[here] = spot[2], spot - self._place[here], heading - self._yaw[here]
         stands, every = np.flatnonzero(self.mask), np.arange(frames)
@@ -226,13 +263,12 @@ class _Foot:
             shift = np.column_stack([np.interp(every, stands, shift[stands, j]) for j in range(3)])
             turn = np.interp(every, stands, turn[stands])
         place = self._place + shift
-        for first, last in runs(~self.mask):
-            if first > 0 and last < frames:
-                s = (np.arange(first, last) - first + 1) / (last - first + 1)
-                straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
-                begin, end = (0.5 * LEAST[LEFT] * self._fps * self._beside[i] for i in (first, last - 1))
-                place[first:last] = from_rest(place[first - 1 : last + 1], begin, end)[1:-1]
-                place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
+        for first, last in self.swings:
+            s = (np.arange(first, last) - first + 1) / (last - first + 1)
+            straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
+            begin, end = (0.5 * LEAST[LEFT] * self._fps * self._beside[i] for i in (first, last - 1))
+            place[first:last] = from_rest(place[first - 1 : last + 1], begin, end)[1:-1]
+            place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
         yaw = self._yaw + turn
         R = turned(yaw, self._tilt)
         return place + _rolled(R, yaw, self._pivot), R @ self._home, level

@@ -1,0 +1,117 @@
+"""Legs of a planned motion pass by each other: outlines from above that do not overlap, judged by linear programs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import hqp
+from hqp.arrays import Mat, Vec
+from hqp.motion import Motion
+from hqp.motion.beside import Pair, aside, overlap, part
+from hqp.motion.body import Body
+from hqp.motion.contacts import runs
+from hqp.motion.joints import SIDES, parts_of
+from hqp.motion.schedule import grounded, schedule_of
+from hqp.motion.skeleton_map import find_map
+from hqp.motion.targets import targets_of
+from hqp.tasks.support_polygon import hull
+
+from .people import walk
+
+
+def _outline(rng: np.random.Generator) -> Mat:
+    points = rng.normal(size=(int(rng.integers(3, 9)), 2)) * [0.1, 0.05]
+    return np.asarray(points[hull(points)])
+
+
+def _meet(one: Mat, other: Mat) -> bool:
+    """True if a point lies in both hulls: shares of the corners of each, by a linear program."""
+    n, m = len(one), len(other)
+    sums: Any = np.vstack((np.hstack((one.T, -other.T)), np.repeat([[1.0, 0.0], [0.0, 1.0]], [n, m], axis=1)))
+    return bool(linprog(np.zeros(n + m), A_eq=sums, b_eq=[0.0, 0.0, 1.0, 1.0]).status == 0)
+
+
+def _way(rng: np.random.Generator) -> Vec:
+    angle = rng.uniform(-np.pi, np.pi)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_least_shift_parts_two_outlines(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, other, way = _outline(rng), _outline(rng) + rng.normal(size=2) * 0.1, _way(rng)
+    shift = overlap(one, other, way)
+    assert (shift > 0.0) == _meet(one, other)
+    assert not _meet(one + (shift + 1e-6) * way, other)
+    assert shift == 0.0 or _meet(one + (shift - 1e-6) * way, other)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_stances_are_moved_apart(seed: int) -> None:
+    """A row of drawn stances, each beside the one before: those that overlap move, others stay."""
+    rng, n = np.random.default_rng(seed), 6
+    left, right = (
+        np.column_stack((0.15 * np.arange(n), sign * rng.uniform(0.0, 0.1, n), np.zeros(n))) for sign in (1.0, -1.0)
+    )
+    way = np.array([0.0, 1.0])
+    pairs = [Pair(i, j, _outline(rng), _outline(rng), way) for i in range(n) for j in (i - 1, i) if j >= 0]
+    before = left.copy(), right.copy()
+    part((left, right), pairs)
+    assert max(overlap(left[p.left, :2] + p.one, right[p.right, :2] + p.other, way) for p in pairs) < 1e-3
+    met = {p.left for p in pairs if _meet(before[0][p.left, :2] + p.one, before[1][p.right, :2] + p.other)}
+    others = {p.left for p in pairs if p.right in {q.right for q in pairs if q.left in met}}
+    free = [i for i in range(n) if i not in met | others]
+    np.testing.assert_array_equal(left[free], before[0][free])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_swing_passes_by_the_other_leg(seed: int) -> None:
+    """Drawn paths past and across a standing leg; ends stay, and the shift begins and ends at rest."""
+    rng, n = np.random.default_rng(seed), int(np.random.default_rng(seed).integers(20, 60))
+    angle, turn = rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.5)
+    R = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    outline = np.array([[-0.1, -0.04], [0.1, -0.04], [0.1, 0.04], [-0.1, 0.04]])
+    path = np.column_stack((np.linspace(-0.5, 0.5, n), rng.uniform(-0.05, 0.05) + np.zeros(n), np.zeros(n))) @ R.T
+    axes, ways = np.repeat(R[None], n, axis=0), np.repeat([R[:2, 1]], n, axis=0)
+    c, s = np.cos(turn), np.sin(turn)
+    other = outline @ np.array([[c, s], [-s, c]]) @ R[:2, :2].T
+    found = aside(path, axes, outline, [other] * n, ways)
+    assert any(_meet(p[:2] + outline @ R[:2, :2].T, other) for p in path)
+    assert not any(_meet(p[:2] + (outline * 0.99) @ R[:2, :2].T, other) for p in found)
+    moved = np.linalg.norm(found - path, axis=1)
+    assert moved[[0, -1]].max() < 16.0 / n**2 * moved.max()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_legs_of_a_narrow_walk_do_not_meet(seed: int) -> None:
+    """A person whose feet tread on one line, or across it, in any direction, between the first and the last stances."""
+    rng, robot = np.random.default_rng(seed), hqp.robots.load("g1")
+    found, motion = find_map(None, robot), walk(2.5, rng.uniform(0.4, 0.9), fps=120.0)
+    angle, narrow = rng.uniform(-np.pi, np.pi), rng.uniform(-0.1, 0.4)
+    places = motion.positions.copy()
+    feet = [i for i, name in enumerate(motion.names) if "Foot" in name or "Toe" in name]
+    places[:, feet, 1] *= narrow
+    turn = np.array([[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    body = Body.of(robot, found)
+    motion = Motion(motion.names, places @ turn, motion.fps, motion.parents)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    schedule = schedule_of(targets, body)
+    stances = [runs(stands) for stands in schedule.stands.T]
+    whole = range(max(each[0][0] for each in stances), min(each[-1][1] for each in stances), 4)
+    after = grounded(targets, body, schedule)
+    met = [sum(_meet(*_legs(each, body, i)) for i in whole) for each in (targets, after)]
+    assert met[0] > 10
+    assert met[1] == 0
+
+
+def _legs(targets: Any, body: Body, i: int) -> list[Mat]:
+    """Outlines of both legs from above, a little smaller, in a frame."""
+    found = []
+    for side in SIDES:
+        R = targets.axes[f"{side}_sole"][i] @ body.axes[f"{side}_sole"].T
+        found.append(targets.places[f"{side}_sole"][i, :2] + 0.98 * body.legs[side] @ R[:2, :2].T)
+    return found
