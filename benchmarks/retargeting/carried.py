@@ -13,8 +13,7 @@ from hqp.declare.law import PD
 from hqp.declare.stack import Level, Stack
 from hqp.estimation.rotations import yaw_of
 from hqp.loop.controller import Controller
-from hqp.motion import schedule
-from hqp.motion.dynamics import Dynamics, front
+from hqp.motion.dynamics import TAKES, Dynamics, front
 from hqp.motion.rates import velocities
 from hqp.motion.smoothing import filtered
 from hqp.motion.targets import Targets
@@ -188,7 +187,7 @@ class Carrying(Tracking):
         foot = self.feet[side]
         place, other = state.position(toe(foot))[:2], self.feet[1 - side].placed(state).xy
         way, left = place - other, float(np.argmin(self.rests[side][i:])) / self.fps - since
-        most = min(1.0, left / schedule.LEAST[schedule.BOTH])
+        most = min(1.0, left / TAKES)
         share = min(max(float((zmp - other) @ way / (way @ way)), 0.0), most)
         self.share = share if side else 1.0 - share
         force = share * self.robot.mass * (push - self.robot.gravity)

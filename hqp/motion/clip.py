@@ -132,6 +132,28 @@ def low_pass(values: Mat, cutoff: float, fps: float) -> Mat:
     return np.asarray(sosfiltfilt(butter(2, cutoff, fs=fps, output="sos"), values, axis=0, padlen=edge))
 
 
+def moving(values: Mat, cutoff: float, fps: float) -> Mat:
+    """Values ``(T, ...)`` below a frequency that keep their acceleration at both ends, where ``low_pass`` has none.
+
+    Both ends are prolonged with the second derivative of a cubic fitted there.
+    """
+    edge = min(len(values) - 1, round(fps / cutoff))
+    k = np.arange(1, edge + 1).reshape(-1, *[1] * (values.ndim - 1))
+
+    def before(part: Mat) -> Mat:
+        second = 2.0 * np.polyfit(np.arange(edge + 1), part[: edge + 1].reshape(edge + 1, -1), 3)[1]
+        return np.asarray(2.0 * part[0] - part[1 : edge + 1] + second.reshape(part.shape[1:]) * k**2)
+
+    return low_pass(np.concatenate((before(values)[::-1], values, before(values[::-1]))), cutoff, fps)[edge:-edge]
+
+
+def accelerated(values: Mat, fps: float) -> Mat:
+    """Second derivative of values ``(T, ...)``, at their ends too [1/s^2]."""
+    rate: Any = np.gradient(values, axis=0, edge_order=2)
+    found: Any = np.gradient(rate, axis=0, edge_order=2)
+    return np.asarray(found * fps**2)
+
+
 def unit(vectors: Mat) -> Mat:
     """Vectors ``(..., 3)`` of length one."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

@@ -15,7 +15,7 @@ from hqp.tasks.support_polygon import hull
 
 from .body import Body
 from .centroidal import Soles, Support, centroidal_plan, outside
-from .clip import low_pass
+from .clip import accelerated, low_pass, moving
 from .contacts import Mask, runs, smooth
 from .joints import SIDES
 from .rates import velocities
@@ -43,6 +43,9 @@ OUTSIDE = 0.01
 
 EVEN = 5e-3
 """Depth of a sole's front edge: corners this far behind its first one are on it [m]."""
+
+TAKES = 0.5 * LEAST[BOTH]
+"""Time in which the weight moves onto a sole or off it [s]: two soles hold the robot up while it changes feet."""
 
 LIFTS = 0.05
 """Time in which moving feet join the CoM's change of height at the ends of a flight [s]."""
@@ -112,7 +115,7 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     def once(before: Mat, reached: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
         plan, highest, legs = None, np.full(len(places), np.inf), _legs(tracker, before[nodes])
         supports = strong(tracker, places, before[nodes], stands[nodes], toes[nodes])
-        supports = shifting(supports, stands[nodes], 2.0 * gravity * dt / LEAST[BOTH])
+        supports = shifting(supports, stands[nodes], gravity * dt / TAKES)
         aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
             plan = centroidal_plan(
@@ -150,28 +153,9 @@ def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
         com[i] = state.com()
         momentum[i] = state.momentum_map()[0][3:5] @ v[i] / _mass(state)
     if len(q) > 12:
-        edge = min(len(q) - 1, round(fps / LIVELY))  # the filter would end the CoM without acceleration
-        com, momentum = low_pass(prolonged(com, edge), LIVELY, fps)[edge:-edge], low_pass(momentum, LIVELY, fps)
+        com, momentum = moving(com, LIVELY, fps), low_pass(momentum, LIVELY, fps)
     torque: Any = np.gradient(momentum, axis=0)
     return com, torque * fps
-
-
-def prolonged(values: Mat, frames: int) -> Mat:
-    """Values ``(T, 3)`` and so many frames more at both ends, with the second derivative of a cubic fitted there."""
-    k = np.arange(1, frames + 1)[:, None]
-
-    def before(part: Mat) -> Mat:
-        second = 2.0 * np.polyfit(np.arange(frames + 1), part[: frames + 1], 3)[1]
-        return np.asarray(2.0 * part[0] - part[1 : frames + 1] + second * k**2)
-
-    return np.vstack((before(values)[::-1], values, before(values[::-1])))
-
-
-def accelerated(places: Mat, fps: float) -> Mat:
-    """Accelerations of places ``(T, 3)``, at their ends too [m/s^2]."""
-    rate: Any = np.gradient(places, axis=0, edge_order=2)
-    found: Any = np.gradient(rate, axis=0, edge_order=2)
-    return np.asarray(found * fps**2)
 
 
 def supports_of(tracker: Tracker, q: Mat, stands: Mask, toes: Mask, *, margin: bool) -> list[Soles]:
@@ -216,7 +200,7 @@ def strong(tracker: Tracker, supports: list[Soles], q: Mat, stands: Mask, toes: 
 def shifting(supports: list[Soles], stands: Mask, rate: float) -> list[Soles]:
     """Let the load of a sole grow from nothing once it has landed beside the other, and fade until it lifts.
 
-    rate [m/s^2] a node: twice the weight in ``LEAST`` holds the robot up while it changes feet.
+    rate [m/s^2] a node: the weight in ``TAKES``.
     """
     found, both = [list(soles) for soles in supports], np.asarray(stands.all(axis=1))
     for k in range(len(SIDES)):

@@ -11,7 +11,7 @@ from hqp.arrays import Mat, Vec
 
 from .beside import Pair, aside, part, seen
 from .body import Body
-from .clip import low_pass, unit
+from .clip import EDGE, accelerated, moving, unit
 from .contacts import BESIDE, LEVEL, Contacts, Mask, runs, smooth
 from .joints import SIDES
 from .smoothing import LIVELY
@@ -120,9 +120,10 @@ def _costs(targets: Targets, leg: float) -> Mat:
 
 def _falling(targets: Targets, leg: float) -> Mask:
     """True while the person's hips fall freely: lengths are in the robot's size, time is the person's."""
-    height = low_pass(targets.places["pelvis"][:, 2], LIVELY, targets.fps) * LEG / leg
-    acceleration = np.gradient(np.gradient(height)) * targets.fps**2
-    return np.asarray(acceleration < -FALLING * GRAVITY)
+    if len(targets) <= EDGE:
+        return np.zeros(len(targets), dtype=bool)
+    height = moving(targets.places["pelvis"][:, 2], LIVELY, targets.fps) * LEG / leg
+    return np.asarray(accelerated(height, targets.fps) < -FALLING * GRAVITY)
 
 
 def _cheapest(own: Mat, least: list[int], change: float) -> list[int]:

@@ -17,16 +17,21 @@ from hqp.errors import DeclarationError
 from hqp.motion import Retargeted, retarget
 from hqp.motion.body import Body
 from hqp.motion.centroidal import CentroidalPlan, Soles, Support, centroidal_plan, outside
+from hqp.motion.clip import accelerated
 from hqp.motion.contacts import LEVEL, runs
-from hqp.motion.dynamics import accelerated, centroidal, front, shifting, strong, supports_of, zmp_outside
+from hqp.motion.dynamics import TAKES, centroidal, front, shifting, strong, supports_of, zmp_outside
 from hqp.motion.joints import parts_of
 from hqp.motion.schedule import (
     BOTH,
+    FALLING,
     FLIGHT,
+    GRAVITY,
     LEAST,
     LEFT,
+    LEG,
     RIGHT,
     _cheapest,
+    _falling,
     from_rest,
     grounded,
     heel_off,
@@ -302,7 +307,7 @@ def test_a_load_changes_feet_without_a_jump(seed: int) -> None:
     between; alone, before and after flights, and at the ends of the motion, it is as strong as before.  Together they
     hold the weight at all times.
     """
-    rng, rate = np.random.default_rng(seed), 2.0 * G * DT / LEAST[BOTH]
+    rng, rate = np.random.default_rng(seed), G * DT / TAKES
     states = [[1, 1]]
     for _ in range(20):  # one sole changes at a time, or both in a flight
         k, now = int(rng.integers(2)), states[-1]
@@ -332,7 +337,7 @@ def test_a_planned_zmp_is_on_the_old_sole_as_the_new_one_lands(seed: int, toes: 
     com, drawn, spin = _drawn(seed, rise=0.1, toes=toes)
     supports: list[Soles] = [tuple(sorted(soles, key=lambda sole: -sole.corners[0, 1])) for soles in drawn]
     stands = np.array([[any(sign * sole.corners[0, 1] > 0.0 for sole in soles) for sign in (1, -1)] for soles in drawn])
-    faded = shifting(supports, stands, 2.0 * G * DT / LEAST[BOTH])
+    faded = shifting(supports, stands, G * DT / TAKES)
     plan = centroidal_plan(com, faded, DT, gravity=G, highest=np.full(len(com), np.inf), spin=spin)
     changes = [i for i in range(1, len(drawn)) if len(drawn[i]) != len(drawn[i - 1])]
     assert len(changes) == 7
@@ -352,6 +357,19 @@ def test_a_body_that_accelerates_does_so_in_its_first_and_last_frame(seed: int, 
     q[:, :3] += rng.normal(size=3) * times + second * times**2 / 2.0 + third * times**3 / 6.0
     com, _ = centroidal(g1, q, fps)
     np.testing.assert_allclose(accelerated(com, fps), second + third * times, atol=0.02)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_one_who_falls_does_so_in_the_first_and_the_last_frame(seed: int, g1: hqp.robots.Robot) -> None:
+    """A person at a drawn rate whose hips fall by a drawn share of gravity all the time."""
+    rng = np.random.default_rng(seed)
+    found, fps, share = find_map(None, g1), float(rng.uniform(100.0, 240.0)), float(rng.choice([0.35, 0.65, 1.0]))
+    body, motion = Body.of(g1, found), stand(float(rng.uniform(0.3, 0.6)), fps=fps)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    times = np.arange(len(targets)) / fps
+    falls = rng.uniform(0.0, 2.0) * times - 0.5 * share * GRAVITY * body.leg / LEG * times**2
+    targets.places["pelvis"][:, 2] += falls
+    assert (_falling(targets, body.leg) == (share > FALLING)).all()
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
