@@ -17,6 +17,7 @@ class HandDown {
   HandDown(PricedRows& levels, Motions& motions, int n) : n_(n), levels_(levels), motions_(motions) {
     low_.resize(levels.total());
     high_.resize(levels.total());
+    open_.resize(levels.total());
     anchors_.reserve(levels.count());
     spare_.resize(levels.count());
     for (Anchor& anchor : spare_) {
@@ -37,12 +38,17 @@ class HandDown {
     for (; !anchors_.empty(); anchors_.pop_back()) spare_.push_back(std::move(anchors_.back()));
     taken_at_ = 0.0;
     framed_ = 0;
+    std::fill(open_.begin(), open_.end(), 0.0);
   }
 
   const std::vector<Anchor>& anchors() const { return anchors_; }
   bool anchored(int k) const { return !anchors_.empty() && anchors_.back().level == k; }
   // |x| at which an unmet level without a price left its values, 0 without one.
   double taken_at() const { return taken_at_; }
+
+  // By how much the value of each row that a level keeps may be off: one missed by little more than kViolated may be
+  // met, since a stage may have ended before.
+  const std::vector<double>& open() const { return open_; }
 
   // Leave the rows of level k at x: a level without a price keeps its values.
   void leave(int k, const double* x) {
@@ -58,6 +64,7 @@ class HandDown {
       if (low[i] == high[i] || anchors_.empty()) {
         if (levels_.is_met(k, i, w)) continue;
         low[i] = high[i] = value;
+        open_[levels_.first(k) + i] = levels_.is_met(k, i, w, kEither * kViolated) ? w : 0.0;
         taken_at_ = larger(taken_at_, std::sqrt(dot_any(x, x, n_)));
       } else {  // below anchors the slack may still shrink
         low[i] = std::min(low[i], value);
@@ -119,7 +126,7 @@ class HandDown {
   Motions& motions_;
   Law law_;
   std::vector<Anchor> anchors_, spare_;  // anchors of this solve, and room for others
-  std::vector<double> low_, high_;
+  std::vector<double> low_, high_, open_;
   double taken_at_ = 0.0;
   int framed_ = 0;  // levels whose equality rows anchors have seen
 };

@@ -67,7 +67,8 @@ class LevelStage {
     }
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain() || at.uncertain();
-    inexact_ = inexact_ || rounds > kEnough || search_.unclear() || search_.strays(y);
+    inexact_ =
+        inexact_ || rounds > kEnough || search_.unclear() || (reached && search_.strays(warm_[k], above_.open(), y));
     note(k, reached);
     at.point(y, x.data());
     if (reached) end_at_[k].clear();

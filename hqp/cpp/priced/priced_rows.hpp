@@ -82,8 +82,9 @@ class PricedRows {
     const double left = kMet / tolerances_.met * std::sqrt(dot_any(x, x, n_));  // the exact kernel may leave this much
     for (int j = 0; j < n_; ++j) extent_[j] = std::abs(x[j]) + larger(tolerances_.resting * largest, left);
   }
-  // Return true if slack w of a row is rounding there.
-  bool is_met(int k, int i, double w) const { return w == 0.0 || std::abs(w) <= tolerances_.met * size(k, i); }
+  // Return true if slack w of a row is rounding there, or no more than this share of its terms and bound.
+  bool is_met(int k, int i, double w) const { return is_met(k, i, w, tolerances_.met); }
+  bool is_met(int k, int i, double w, double share) const { return w == 0.0 || std::abs(w) <= share * size(k, i); }
   // Return true if level k is met at x: w, of rows of unit length, is rounding.
   bool met(int k, const double* x) {
     const PricedLevel& level = level_[k];

@@ -101,19 +101,30 @@ class StageSearch {
   bool unclear() const { return unclear_; }
   // True if directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
-  // Return true if the end y of the latest solve violates a row or a sign by more than rounding, or if nearly opposed
-  // multipliers are so large that their rounding does.
-  bool strays(const double* y) {
+  // Return true if the end y of the latest solve violates a row or a sign by more than rounding, if nearly opposed
+  // multipliers are so large that their rounding does, or if it moves where rows that it misses are met.  working: the
+  // rows held, by number; open: by how much each row may be off beside.
+  bool strays(const std::vector<int>& working, const std::vector<double>& open, const double* y) {
     if (off_ > accurate_) return true;
     at_point(y);
     const double least = rows_->rounding() * size_;  // rows no longer than that have no direction of their own
+    own_set_.clear();
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
-      const double value = row.value(x_.data(), y, n_);
-      const double off = larger(row.lower - value, value - row.upper);
+      const double value = row.value(x_.data(), y, n_), over = value - row.upper, under = value - row.lower;
+      const double off = larger(-under, over);
       if (off > allowed(row, accurate_, 0.0) + least && off > accurate_ * terms(row, x_.data(), y)) return true;
+      double out = side_[i] == 2  ? 0.0
+                   : side_[i] > 0 ? over
+                   : side_[i] < 0 ? under
+                   : over > 0.0   ? over
+                                  : smaller(under, 0.0);
+      if (row.number >= 0) out += open[row.number];
+      if (std::abs(out) <= allowed(row, kNoRate, 0.0) + least || own_set_.size() == own_lambda_.size()) continue;
+      other_[own_set_.size()] = out;
+      own_set_.push_back(i);
     }
-    return false;
+    return !own_set_.empty() && missed(working, y) > kUncertain;
   }
   // Return true if the equalities determine coordinate j.
   bool determines(int j) const { return space_.determines(j, fixed_); }
@@ -307,19 +318,48 @@ class StageSearch {
       hold({});
       std::copy(y, y + N_, other_.begin());
       still = on_the_face_of(working, other_.data()) || descend(working, other_.data(), iterations);
-      double square = 0.0, size = 1.0;
-      for (int j = 0; j < n_; ++j) {
-        if (!rows_->at().moves(j)) continue;
-        square += (other_[j] - y[j]) * (other_[j] - y[j]);
-        size += y[j] * y[j];
-      }
-      still = still && square <= kViolated * kViolated * size;
+      add_any(other_.data(), y, -1.0, N_);
+      still = still && apart(other_.data(), y) <= kViolated;
     }
     space_.threshold = kDirection;
     hold({});
     enter_all(working);
     set_ = own_set_, lambda_ = own_lambda_, off_ = off;
     return !still;
+  }
+
+  // The least motion, of 1 + |y|, that brings rows own_set_, off by other_, to their bounds, and keeps the other rows
+  // that are held.
+  double missed(const std::vector<int>& working, const double* y) {
+    rest_ = set_;
+    rows_->forget_turned();
+    cut(0);
+    fixed_ = 0;
+    for (std::size_t k = 0; k < own_set_.size(); ++k)
+      if (add(own_set_[k])) own_lambda_[space_.rank() - 1] = other_[k];
+    for (const int i : rest_)
+      if (std::find(own_set_.begin(), own_set_.end(), i) == own_set_.end() && add(i))
+        own_lambda_[space_.rank() - 1] = 0.0;
+    space_.meet(own_lambda_.data(), part_.data());
+    std::fill(aim_.begin(), aim_.end(), 0.0);
+    space_.join(aim_.data(), part_.data());
+    space_.turn_back(aim_.data(), N_);
+    own_set_ = rest_;
+    hold({});
+    enter_all(working);
+    set_ = own_set_;
+    return apart(aim_.data(), y);
+  }
+
+  // The length of the motion in `step`, of that of y.
+  double apart(const double* step, const double* y) const {
+    double square = 0.0, size = 1.0;
+    for (int j = 0; j < n_; ++j) {
+      if (!rows_->at().moves(j)) continue;
+      square += step[j] * step[j];
+      size += y[j] * y[j];
+    }
+    return std::sqrt(square / size);
   }
 
   // Return true if y misses the bound of a held row by more than that row's rounding.
