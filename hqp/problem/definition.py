@@ -25,7 +25,7 @@ from hqp.problem import Hierarchy, Rows
 from hqp.problem.completion import chosen, completion
 from hqp.problem.graded import Errors, best_step, pull
 from hqp.problem.nnls import nonnegative_least_squares
-from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, row_sizes, stack_rows
+from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, is_met, row_sizes, stack_rows
 from hqp.tolerances import MET_TOLERANCE, NULL_SPACE_ROUNDING, RANK_TOLERANCE, RESTING, ROUNDING
 
 HELD, ALONG = 1e-11, 1e-9
@@ -90,8 +90,15 @@ class Levels:
         return self._priced(rows, above, x, price) if price > 0.0 else self._search(rows, above, x, 1.0)
 
     def _priced(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
-        """argmin ||w|| + c (E + R) by root finding on log m; min E + R where the level is met for its price."""
-        point = x
+        """argmin ||w|| + c (E + R) by root finding on log m; min E + R where the level is met for its price.
+
+        From the latter if the level can be met: where m is small, w is rounding at most other points.
+        """
+        nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
+        best = self._search(rows, replace(above, anchors=()), x, 1.0)
+        met = above.with_rows(at_optimum(rows, best), UNNAMED)
+        settled = self._search(nothing, met, best, 1.0, moves=True)
+        point = settled if is_met(rows, best) else x
 
         def unmet(m: float) -> float:
             nonlocal point
@@ -103,10 +110,7 @@ class Levels:
         rounding = NULL_SPACE_ROUNDING * float(lengths.max(initial=0.0)) * max(1.0, float(np.abs(x).max(initial=0.0)))
         if _root(unmet, max(least, rounding, 1e-300)) is not None:
             return point
-        x = self._search(rows, replace(above, anchors=()), point, 1.0)
-        met = above.with_rows(at_optimum(rows, x), UNNAMED)
-        nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
-        return self._search(nothing, met, x, 1.0, moves=True)
+        return settled
 
     def _search(self, rows: Rows, above: Above, x: Vec, m: float, moves: bool = False) -> Vec:
         """argmin 1/2 ||w||^2 + m (E + R) over S, from a point x of it; m R without ``moves``."""

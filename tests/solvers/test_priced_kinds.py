@@ -50,6 +50,22 @@ def test_an_answer_of_a_loop_passes_the_certificate_or_says_that_it_is_unsure(ki
         assert verdict.ok, f"{solution.status.name}, but {verdict}"
 
 
+def test_the_last_digits_of_an_answer_do_not_change_its_verdict() -> None:
+    """Forces at the apex of cones: stages above the first unmet one are found by the certificate itself."""
+    solver, certain = hqp.solvers.load("lexicographic"), 0
+    for seed in range(1700002350, 1700002450):
+        case, solution = in_a_loop(solver, "cone_apex", seed, False)
+        if is_unsure(solution) or not solution.status.solved:
+            continue
+        rng, certain = np.random.default_rng(seed), certain + 1
+        for share in (0.0, 1e-13):
+            x, points = solution.x * (1.0 + share * rng.normal(size=case.n)), solution.stage_points
+            if points is not None:
+                points = points * (1.0 + share * rng.normal(size=points.shape))
+            assert certificate(case, x, 1e-8, points).ok, (seed, share)
+    assert certain > 80
+
+
 @pytest.mark.parametrize("seed", [4, 17, 21, 29, 42])
 @pytest.mark.parametrize("flat", [False, True])
 def test_the_reference_solves_rows_of_every_length(seed: int, flat: bool) -> None:
