@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,7 +40,11 @@ def read_bvh(path: str | Path) -> Motion:
     A joint's name is the rest of its line, spaces included.  Raises DeclarationError with the line of an invalid file.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+        data = Path(path).read_bytes()
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        text = (
+            data.decode("utf-16" if wide else "utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+        )
     except OSError as error:
         raise DeclarationError("motion", f"no BVH file: {error.strerror}", value=str(path)) from error
     try:
@@ -52,11 +57,11 @@ def read_bvh(path: str | Path) -> Motion:
 
 def _parsed(text: str) -> Motion:
     """The motion of a file's text; raises ValueError with the line."""
-    parts = re.split(r"^\s*MOTION\s*$", text, maxsplit=1, flags=re.MULTILINE)
+    parts = re.split(r"^\s*MOTION\s*$", text, maxsplit=1, flags=re.MULTILINE | re.IGNORECASE)
     if len(parts) < 2:
         raise ValueError("no line MOTION")
     joints = _hierarchy(parts[0])
-    head = re.match(r"\s*Frames:\s*(\S+)\s+Frame\s+Time:\s*(\S+)(.*)", parts[1], re.DOTALL | re.IGNORECASE)
+    head = re.match(r"\s*Frames\s*:\s*(\S+)\s+Frame\s+Time\s*:\s*(\S+)(.*)", parts[1], re.DOTALL | re.IGNORECASE)
     if head is None:
         raise ValueError("MOTION is not followed by 'Frames: N' and 'Frame Time: SECONDS'")
     count, width = _whole(head[1], "frames"), sum(len(joint.channels) for joint in joints)

@@ -18,6 +18,9 @@ CUTOFF = 10.0
 EDGE = 9
 """Least number of point-reflected samples that a filter adds beyond each end."""
 
+RATES = (1.0, 1e5)
+"""Least and largest frame rate [1/s]: below it a file has its frame time in milliseconds."""
+
 TURNS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
     "x": ((1, 2, 0), (1, 1, 1)),
     "y": ((0, 2, 1), (1, -1, 1)),
@@ -63,12 +66,15 @@ class Motion:
         if not np.isfinite(places).all():
             frame, joint = np.argwhere(~np.isfinite(places).all(axis=2))[0]
             raise DeclarationError("motion", f"{names[joint]} is not finite in frame {frame}", allowed="finite numbers")
-        if not 0.0 < float(self.fps) < np.inf:
-            raise DeclarationError("motion", "fps", value=self.fps, unit="1/s", allowed="above 0")
+        if not RATES[0] <= float(self.fps) <= RATES[1]:
+            allowed = f"{RATES[0]:g} to {RATES[1]:g}"
+            raise DeclarationError("motion", "frames per second", value=self.fps, unit="1/s", allowed=allowed)
         if self.parents and len(self.parents) != len(names):
             raise DeclarationError(
                 "motion", f"{len(self.parents)} parents", allowed=f"{len(names)}, one for each joint"
             )
+        if any(not -1 <= int(parent) < len(names) for parent in self.parents):
+            raise DeclarationError("motion", "parents", value=self.parents, allowed=f"-1 to {len(names) - 1}")
         if self.box is not None and len(self.box) != len(places):
             raise DeclarationError("motion", "frames of the box", value=len(self.box), allowed=str(len(places)))
         object.__setattr__(self, "names", names)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hqp.arrays import Mat
+from hqp.errors import DeclarationError
 
 from .clip import TURNS, Motion, unit
 from .contacts import Mask
@@ -27,6 +28,11 @@ STILL = 0.05
 BACKWARDS = 0.03
 """Backward offset of toes and knees beyond which a person is mirrored, for a leg of 1 m [m]."""
 
+LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "hand"))
+
+SHORTEST, FARTHEST = 1e-3, 1e9
+"""Length of a limb as a share of the longest one below which its joints coincide; bound of lengths in any unit."""
+
 FOOT = 0.17
 """Length of a foot without recorded toes, for a leg of 1 m [m]."""
 
@@ -34,8 +40,21 @@ Joints = Mapping[str, Mat]
 
 
 def joints_of(motion: Motion, parts: Mapping[str, str]) -> dict[str, Mat]:
-    """Places of a person's parts ``(T, 3)``, in the motion's unit."""
-    return {part: motion.joint(name) for part, name in parts.items()}
+    """Places of a person's parts ``(T, 3)``, in the motion's unit.
+
+    Raises DeclarationError if both hips are at one place in a frame, or both ends of a limb most of the time.
+    """
+    found = {part: motion.joint(name) for part, name in parts.items()}
+    pairs = [("left_hip", "right_hip"), *((f"{side}_{one}", f"{side}_{two}") for one, two in LIMBS for side in SIDES)]
+    with np.errstate(over="ignore"):
+        lengths = [np.linalg.norm(found[one] - found[two], axis=1) for one, two in pairs]
+    sizes = [float(lengths[0].min()), *(float(np.median(length)) for length in lengths[1:])]
+    size, longest, (one, two) = min(zip(sizes, [max(sizes)] * len(sizes), pairs, strict=True))
+    if not longest < FARTHEST:
+        raise DeclarationError("motion", "limbs", value=longest, allowed=f"shorter than {FARTHEST:g}")
+    if not size > max(SHORTEST * longest, 1.0 / FARTHEST):
+        raise DeclarationError("motion", f"{parts[one]} and {parts[two]} are at one place", allowed="two joints")
+    return found
 
 
 def leg_of(joints: Joints) -> float:

@@ -62,9 +62,9 @@ def _read_npz(path: Path, body_model: str | Path | None) -> Motion:
         allowed = "positions (T, J, 3), names (J,), fps; or trans, poses, betas of SMPL-X"
         raise DeclarationError("motion", f"{path.name} lacks {', '.join(missing)}", allowed=allowed)
     try:
-        names = tuple(str(name) for name in data["names"])
+        names = tuple(str(np.char.decode(name, "utf-8") if name.dtype.kind == "S" else name) for name in data["names"])
         parents = tuple(int(p) for p in data["parents"]) if "parents" in data else ()
-        fps = float(data["fps"])
+        fps = float(np.asarray(data["fps"]).item())
     except (TypeError, ValueError) as error:
         allowed = "names (J,), parents (J,), fps one number"
         raise DeclarationError("motion", f"{path.name}: {error}", allowed=allowed) from error

@@ -42,13 +42,17 @@ def from_parameters(data: Mapping[str, Any], model: str | Path | None) -> Motion
         allowed = "body_model=PATH, --body-model PATH: SMPLX_NEUTRAL.npz, from https://smpl-x.is.tue.mpg.de"
         raise DeclarationError("motion", "parameters of SMPL-X need the body model", allowed=allowed)
     rests, parents = _skeleton(Path(model), np.ravel(data["betas"]) if "betas" in data else np.zeros(0))
-    pose = data["poses"] if "poses" in data else np.hstack((data["root_orient"], data["pose_body"]))
-    pose, trans = np.asarray(pose, dtype=np.float64), np.asarray(data["trans"], dtype=np.float64)
+    try:
+        pose = data["poses"] if "poses" in data else np.hstack((data["root_orient"], data["pose_body"]))
+        pose, trans = np.asarray(pose, dtype=np.float64), np.asarray(data["trans"], dtype=np.float64)
+        rate = next((float(np.asarray(data[key]).item()) for key in RATES if key in data), None)
+    except (TypeError, ValueError) as error:
+        allowed = "numbers: poses (T, 66 or more), trans (T, 3), one frame rate"
+        raise DeclarationError("motion", f"parameters of SMPL-X: {error}", allowed=allowed) from error
     count = len(NAMES)
     if pose.ndim != 2 or pose.shape[1] < 3 * count or trans.shape != (len(pose), 3):
         what = f"poses {pose.shape}, trans {trans.shape}"
         raise DeclarationError("motion", what, allowed=f"(T, {3 * count} or more) and (T, 3)")
-    rate = next((float(data[key]) for key in RATES if key in data), None)
     if rate is None:
         raise DeclarationError("motion", "no frame rate", allowed=" or ".join(RATES))
     return Motion(NAMES, _placed(rests, parents, pose[:, : 3 * count], trans), rate, parents)

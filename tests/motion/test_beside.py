@@ -54,9 +54,9 @@ def test_the_least_shift_parts_two_outlines(seed: int) -> None:
 def test_stances_are_moved_apart(seed: int) -> None:
     """A row of drawn stances, each beside the one before: those that overlap move, others stay."""
     rng, n = np.random.default_rng(seed), 6
-    left, right = (
-        np.column_stack((0.15 * np.arange(n), sign * rng.uniform(0.0, 0.1, n), np.zeros(n))) for sign in (1.0, -1.0)
-    )
+    sides = (rng.uniform(0.0, 0.1, n), -rng.uniform(0.0, 0.1, n))
+    rows: list[Mat] = [np.column_stack((0.15 * np.arange(n), side, np.zeros(n))) for side in sides]
+    left, right = rows
     way = np.array([0.0, 1.0])
     pairs = [Pair(i, j, _outline(rng), _outline(rng), way) for i in range(n) for j in (i - 1, i) if j >= 0]
     before = left.copy(), right.copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,6 +104,59 @@ def test_damaged_files_end_in_one_sentence(tmp_path: Path, kind: str) -> None:
             refused.append(str(error))
     assert len(refused) > 60
     assert not any("\n" in error for error in refused)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_spellings_of_a_file(tmp_path: Path, seed: int) -> None:
+    """Any ends of lines, encodings, cases and spaces about the keywords of the motion."""
+    rng = np.random.default_rng(seed)
+    path = write_turning_bvh(tmp_path / "clip.bvh", stand(0.1), rng)
+    text, whole = path.read_text(), read_motion(path)
+    for word in ("MOTION", "Frames:", "Frame Time:"):
+        other = [word.upper(), word.lower(), word.replace(":", " :"), f"  {word}\t"][rng.integers(4)]
+        text = text.replace(f"\n{word}", f"\n{other}")
+    text = text.replace("\n", str(rng.choice(["\n", "\r\n", "\r", "\n\n"])))
+    path.write_bytes(text.encode(str(rng.choice(["utf-8", "utf-8-sig", "utf-16"]))))
+    read = read_motion(path)
+    assert (read.names, read.fps) == (whole.names, whole.fps)
+    np.testing.assert_array_equal(read.positions, whole.positions)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_types_of_arrays(tmp_path: Path, seed: int) -> None:
+    """Names as bytes or text, the rate as a number, an array of one or text."""
+    rng, motion = np.random.default_rng(seed), stand(0.1)
+    names: Any = np.array(motion.names)
+    names = names.astype(["S", "U", "U40"][rng.integers(3)])
+    rate: Any = [30, np.float32(30.0), np.array([30.0]), np.array([[30]]), "30"][rng.integers(5)]
+    np.savez(tmp_path / "clip.npz", positions=motion.positions, names=names, fps=rate)
+    read = read_motion(tmp_path / "clip.npz")
+    assert (read.names, read.fps) == (motion.names, 30.0)
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_limbs_without_length_end_in_one_sentence(tmp_path: Path, seed: int) -> None:
+    """Two joints of a drawn limb are at one place, all of them, or beyond any size, in drawn units."""
+    rng, motion = np.random.default_rng(seed), stand(0.2)
+    places = motion.positions * 10.0 ** rng.integers(-6, 6)
+    side, limb = str(rng.choice(["Left", "Right"])), int(rng.integers(6))
+    chains = (("UpLeg", "Leg"), ("Leg", "Foot"), ("Arm", "ForeArm"), ("ForeArm", "Hand"))
+    if limb < 4:
+        one, other = (motion.names.index(side + name) for name in chains[limb])
+        places[:, one] = places[:, other]
+    elif limb == 4:
+        places *= 0.0
+    else:
+        places *= 1e300
+    with pytest.raises(DeclarationError) as found:
+        read_motion(write_npz(tmp_path / "clip.npz", Motion(motion.names, places, motion.fps, motion.parents)))
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize("fps", [1e-9, 0.03, 1e6, 1e300])
+def test_rates_of_no_motion_are_refused(fps: float) -> None:
+    with pytest.raises(DeclarationError, match="frames per second"):
+        Motion(NAMES, stand(0.1).positions, fps, PARENTS)
 
 
 def test_names_of_chains_ends(tmp_path: Path) -> None:
