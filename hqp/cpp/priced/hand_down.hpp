@@ -42,7 +42,6 @@ class HandDown {
   }
 
   const std::vector<Anchor>& anchors() const { return anchors_; }
-  bool anchored(int k) const { return !anchors_.empty() && anchors_.back().level == k; }
   // |x| at which an unmet level without a price left its values, 0 without one.
   double taken_at() const { return taken_at_; }
 

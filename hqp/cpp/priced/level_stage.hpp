@@ -85,8 +85,6 @@ class LevelStage {
   const std::vector<StageEnd>& ends() const { return ends_; }
   // Coordinates of the latest stage if it left a choice, else null.
   const Coordinates* left() const { return left_; }
-  // The active set at the end of level k's latest stage.
-  const std::vector<int>& active(int k) const { return warm_[k]; }
 
   void reset() {
     for (auto& set : warm_) set.clear();

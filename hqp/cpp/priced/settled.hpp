@@ -87,13 +87,6 @@ class Settled {
     put_back(0);
   }
 
-  // The working set of level k a tick later: numbers of rows, + 1, negative at the lower bound.
-  void begin_with(int k, const std::vector<int>& set) {
-    warm_[k].clear();
-    for (const int entry : set)
-      if (std::abs(entry) <= first_[k]) warm_[k].push_back(entry);
-  }
-
   // Return true if priced level k, the next one down, is met for its price.
   bool meets(int k) {
     if (bound_.shows(k)) return true;

@@ -102,11 +102,7 @@ class StageLevels final : public PricedStages {
       if (!x && met && !all_settled(k)) return -2;
       if (!stage_.ended() && deadline_.passed()) break;  // the levels below begin where this one does
       above_.leave(k, x_.data());
-      if (priced) {
-        above_.anchor(k, x_.data());
-        if (!above_.anchored(k) && met)
-          settled_.begin_with(k, stage_.active(k));  // it ended at the point of least motion
-      }
+      if (priced) above_.anchor(k, x_.data());
       if (asks) std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       if (above_.anchors().empty() && unmet) return -2;
       kept = kept && priced;
