@@ -32,7 +32,7 @@ from hqp.walking.footsteps import Command, Foothold, Footsteps, routed
 from hqp.walking.gait import Gait, Reach, check
 from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
-from hqp.walking.preview import Ability
+from hqp.walking.preview import QUICK, Ability
 from hqp.walking.stacks import Laws, Stacks
 from hqp.walking.stance import overloaded, standing
 
@@ -66,7 +66,8 @@ class Walker:
     robot: a biped with a free base, that starts standing on both feet; with ``load(name, rotors=True)`` it knows the
     inertia that its motors have in a Plant, without which light feet are controlled badly; torques overcome friction
     of joints from its file (``robot.model.damping``, ``.friction``).  dt [s]: period of a tick.
-    gait, reach, laws: parameters of the walk; a reach for None follows from how it stands.  soles: frames of the left
+    gait, reach, laws: parameters of the walk; a reach for None follows from how it stands, a gait for None has quicker
+    steps if a joint bears too much on one foot.  soles: frames of the left
     and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of joints, of all
     but those of the legs if it names none, None for none.  bandwidth: noise of measured rates above it does not reach
     the torques, inf for rates as measured [1/s].  price, deadline: arguments of Controller.  max_age: that of
@@ -101,8 +102,13 @@ class Walker:
         self.start = standing(robot, self.feet, self.gait.lower)
         """Standing configuration before the walk ``(nq,)``; it may start from elsewhere."""
         self._reasons = [foot.why for foot in self.feet if foot.why]
-        for foot in self.feet:
-            self._reasons += overloaded(robot, foot, self.start)
+        if hard := [why for foot in self.feet for why in overloaded(robot, foot, self.start)]:
+            self._reasons += hard
+            if gait is None:
+                usual, self.gait = self.gait.period, self.gait.quicker(QUICK)
+                self._reasons.append(
+                    f"steps take {self.gait.period:.2f} s, not {usual:.2f}, so that no joint bears that for long"
+                )
         home = robot.copy().state(self.start)
         self._first = one, other = self.feet[0].placed(home), self.feet[1].placed(home)
         self.height = float(home.com()[2]) - 0.5 * (one.z + other.z)

@@ -14,7 +14,7 @@ import hqp.robots
 from hqp.errors import DeclarationError
 from hqp.robots.knees import knee
 from hqp.tasks.polygons import shrunk
-from hqp.walking import Walker, Walkers
+from hqp.walking import Gait, Walker, Walkers
 from hqp.walking.ankle import RESERVE, supporting
 from hqp.walking.feet import EDGE, Foot, feet_of
 
@@ -143,6 +143,13 @@ def test_joints_that_a_step_overloads_are_named(name: str, seed: int) -> None:
         expected += [f"{joint} needs {100.0 * share:.0f} % of" for joint, share in shares if share > 1.0]
     named = [why for why in walker.why if " needs " in why]
     assert [why.split(" its ")[0] for why in named] == expected
+    slow = Walker(robot, Gait(), deadline=math.inf)
+    assert slow.gait == Gait()
+    assert walker.gait.period == pytest.approx((2.0 / 3.0 if expected else 1.0) * Gait().period)
+    assert [why for why in walker.why if why.startswith("steps take 0.50 s, not 0.75")] == [
+        why for why in walker.why if why not in slow.why
+    ]
+    assert len(walker.why) - len(slow.why) == bool(expected)
 
 
 @pytest.mark.slow
