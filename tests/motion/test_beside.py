@@ -55,8 +55,7 @@ def test_stances_are_moved_apart(seed: int) -> None:
     """A row of drawn stances, each beside the one before: those that overlap move, others stay."""
     rng, n = np.random.default_rng(seed), 6
     sides = (rng.uniform(0.0, 0.1, n), -rng.uniform(0.0, 0.1, n))
-    rows: list[Mat] = [np.column_stack((0.15 * np.arange(n), side, np.zeros(n))) for side in sides]
-    left, right = rows
+    left, right = (np.array([[0.15 * i, y, 0.0] for i, y in enumerate(side)]) for side in sides)
     way = np.array([0.0, 1.0])
     pairs = [Pair(i, j, _outline(rng), _outline(rng), way) for i in range(n) for j in (i - 1, i) if j >= 0]
     before = left.copy(), right.copy()
