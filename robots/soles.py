@@ -66,13 +66,18 @@ def sole_points(robot: Any, frame: str) -> tuple[tuple[float, float, float], ...
         return ()
 
 
-def level_sole(robot: Any, frame: str) -> Mat:
-    """Lowest points at home of the shapes on a frame's link, in the world ``(n, 3)`` [m]; none for no shapes."""
+def level_sole(robot: Any, frame: str) -> tuple[Mat, Mat]:
+    """Rotation ``(3, 3)`` of a frame's link from home that makes its largest flat face below level, and the lowest
+    points of its shapes then, in the world, the frame's origin where it is at home ``(n, 3)`` [m]; none for no shapes.
+    """
     joint = robot.model.frames[robot.frame(frame)].parentJoint
-    robot.state(robot.home).kinematics()
-    items = [item for item in robot.geometry.geometryObjects if item.parentJoint == joint]
-    cloud = np.vstack([np.zeros((0, 3)), *(_placed_in_world(robot, item) for item in items)])
-    return np.asarray(cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE])
+    state = robot.state(robot.home)
+    state.kinematics()
+    if all(item.parentJoint != joint for item in robot.geometry.geometryObjects):
+        return np.eye(3), np.zeros((0, 3))
+    turn, origin = _levelled(robot, joint), state.position(frame)
+    cloud = _turned(robot, joint, turn) + origin - turn @ origin
+    return turn, np.asarray(cloud[cloud[:, 2] < cloud[:, 2].min() + SOLE])
 
 
 def swept(robot: Any, frame: str) -> list[tuple[Mat, float]]:

@@ -21,7 +21,7 @@ SHORTEST = 0.02
 
 @dataclass(frozen=True)
 class Body:
-    """A robot at home, facing x.
+    """A robot at home, turned to face x, its soles level.
 
     places, axes: position ``(3,)`` [m] and rotation ``(3, 3)`` of each part.  middle: half way between the hips in the
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
@@ -45,10 +45,11 @@ class Body:
     @staticmethod
     def of(robot: Robot, found: SkeletonMap) -> Body:
         """Measure a robot under its map; raises DeclarationError where two frames of a limb are at one place."""
+        ahead = _facing(robot, [found.frames[f"{side}_sole"] for side in SIDES])
         state = robot.state(robot.home)
-        axes = {part: np.array(state.rotation(frame)) for part, frame in found.frames.items()}
+        axes = {part: ahead.T @ state.rotation(frame) for part, frame in found.frames.items()}
         places = {
-            part: np.array(state.position(frame)) + axes[part] @ np.array(found.offset(part))
+            part: ahead.T @ state.position(frame) + axes[part] @ np.array(found.offset(part))
             for part, frame in found.frames.items()
         }
         for side in SIDES:
@@ -58,10 +59,12 @@ class Body:
                         "map", f"{side}_{one} and {side}_{two} are at one place", allowed="frames at two joints"
                     )
         hips = 0.5 * (places["left_hip"] + places["right_hip"])
-        levers = {side: places[f"{side}_sole"] - places[f"{side}_ankle"] for side in SIDES}
-        toes, heels, corners, soles, legs = {}, {}, {}, {}, {}
+        levers, toes, heels, corners, soles, legs = {}, {}, {}, {}, {}, {}
         for side in SIDES:
-            outline = _outline(robot, found.frames[f"{side}_sole"], places[f"{side}_sole"])
+            sole = f"{side}_sole"
+            level, outline = _outline(robot, found.frames[sole], np.array(found.offset(sole)), ahead)
+            axes[sole] = level @ axes[sole]
+            levers[side] = level @ (places[sole] - places[f"{side}_ankle"])
             low, high = outline.min(axis=0), outline.max(axis=0)
             soles[side] = np.column_stack((outline, np.zeros(len(outline))))
             toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
@@ -69,7 +72,8 @@ class Body:
             legs[side] = points[hull(points)]
             corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         middle = axes["pelvis"].T @ (hips - places["pelvis"])
-        thickness = {side: _thickness(robot, found.frames[f"{side}_hand"], places[f"{side}_hand"]) for side in SIDES}
+        hands = {side: ahead @ places[f"{side}_hand"] for side in SIDES}
+        thickness = {side: _thickness(robot, found.frames[f"{side}_hand"], hands[side]) for side in SIDES}
         return Body(places, axes, middle, levers, toes, heels, corners, soles, legs, thickness)
 
     def length(self, one: str, two: str) -> float:
@@ -116,14 +120,28 @@ def _shank(robot: Robot, frame: str) -> Mat:
     return radius * np.column_stack((np.cos(turn), np.sin(turn)))
 
 
-def _outline(robot: Robot, frame: str, place: Vec) -> Mat:
-    """Corners of a sole from above, seen from its point ``(m, 2)`` [m]; two points 10 cm apart without shapes."""
+def _facing(robot: Robot, soles: list[str]) -> Mat:
+    """Columns ahead, left and up at home, by the frames of both soles ``(3, 3)``; x is ahead if feet are in line."""
+    from hqp.robots.soles import standing_axes
+
+    try:
+        return standing_axes(robot, *(robot.body(robot.frame(frame)) for frame in soles))
+    except ModelError:
+        return np.eye(3)
+
+
+def _outline(robot: Robot, frame: str, offset: Vec, ahead: Mat) -> tuple[Mat, Mat]:
+    """Rotation ``(3, 3)`` that makes a sole level from its pose at home, and its corners from above then, seen from its
+    point ``(m, 2)`` [m], ahead and left; two points 10 cm apart without shapes.
+    """
     from hqp.robots.soles import level_sole
 
     try:
-        points = level_sole(robot, frame)[:, :2] - place[:2]
+        turn, points = level_sole(robot, frame)
     except ModelError:
-        points = np.zeros((0, 2))
+        turn, points = np.eye(3), np.zeros((0, 3))
     if len(points) < 2:
-        return np.array([[-0.05, 0.0], [0.05, 0.0]])
-    return np.asarray(points[hull(points)])
+        return np.eye(3), np.array([[-0.05, 0.0], [0.05, 0.0]])
+    state = robot.state(robot.home)
+    seen = ((points - state.position(frame) - turn @ state.rotation(frame) @ offset) @ ahead)[:, :2]
+    return ahead.T @ turn @ ahead, np.asarray(seen[hull(seen)])

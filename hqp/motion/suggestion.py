@@ -58,7 +58,7 @@ def _sole(robot: Robot, frame: str) -> Offset | None:
     low, and for a link without shapes.
     """
     try:
-        points = level_sole(robot, frame)
+        turn, points = level_sole(robot, frame)
     except ModelError:
         return None
     state = robot.state(robot.home)
@@ -66,7 +66,7 @@ def _sole(robot: Robot, frame: str) -> Offset | None:
     if not len(points) or abs(float(points[:, 2].min()) - place[2]) < NEAR:
         return None
     middle = np.array([*0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0)), points[:, 2].min()])
-    x, y, z = (state.rotation(frame).T @ (middle - place)).tolist()
+    x, y, z = (state.rotation(frame).T @ turn.T @ (middle - place)).tolist()
     return round(x, 6), round(y, 6), round(z, 6)
 
 

@@ -554,7 +554,7 @@ def test_dynamics_need_the_outline_of_the_soles(g1: hqp.robots.Robot, monkeypatc
     from hqp.motion import body
     from hqp.robots import soles
 
-    monkeypatch.setattr(soles, "level_sole", lambda robot, frame: np.zeros((0, 3)))
-    assert body._outline(g1, "left_sole", np.zeros(3)).shape == (2, 2)
+    monkeypatch.setattr(soles, "level_sole", lambda robot, frame: (np.eye(3), np.zeros((0, 3))))
+    assert body._outline(g1, "left_sole", np.zeros(3), np.eye(3))[1].shape == (2, 2)
     with pytest.raises(DeclarationError, match="outline of the soles"):
         retarget(stand(0.2), g1, dynamics=True)

@@ -56,3 +56,27 @@ def test_what_is_wrong_is_told() -> None:
         Body.of(robot, SkeletonMap({**frames, "left_knee": frames["left_hip"]}))
     with pytest.raises(DeclarationError, match="no TOML"):
         parse("frames =")
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ["g1", "cbi"])
+def test_heading_and_ankles_of_the_home_do_not_matter(name: str, seed: int) -> None:
+    """A home may face anywhere, with tilted feet: soles have their whole length and are level in targets."""
+    robot, rng = catalogued(name), np.random.default_rng(seed)
+    found = find_map(None, robot)
+    body, suggested = Body.of(robot, found), suggest_map(robot)
+    step, column = np.zeros(robot.nv), robot.joint_names.index
+    for side in ("left", "right"):
+        foot = robot.body(robot.frame(found.frames[f"{side}_sole"]))
+        step[[6 + column(robot.model.names[j]) for j in (foot, foot - 1)]] = rng.uniform(-0.1, 0.1, 2)
+    step[5] = rng.uniform(-np.pi, np.pi)
+    robot.set_home(robot.integrate(robot.home, step, 1.0))
+    other, again = Body.of(robot, found), suggest_map(robot)
+    for part in ("toes", "heels", "corners", "levers"):
+        for side in ("left", "right"):
+            np.testing.assert_allclose(getattr(other, part)[side], getattr(body, part)[side], atol=3e-3)
+    for part in ("left_sole", "right_sole", "torso", "left_hand"):
+        np.testing.assert_allclose(other.axes[part], body.axes[part], atol=0.02)
+    assert again.frames == suggested.frames
+    for part, offset in suggested.offsets.items():
+        np.testing.assert_allclose(again.offsets[part], offset, atol=3e-3)
