@@ -155,8 +155,9 @@ def moving(values: Mat, cutoff: float, fps: float) -> Mat:
 
 def accelerated(values: Mat, fps: float) -> Mat:
     """Second derivative of values ``(T, ...)``, at their ends too [1/s^2]."""
-    rate: Any = np.gradient(values, axis=0, edge_order=2)
-    found: Any = np.gradient(rate, axis=0, edge_order=2)
+    order: Any = min(2, len(values) - 1)  # two frames have no acceleration
+    rate: Any = np.gradient(values, axis=0, edge_order=order)
+    found: Any = np.gradient(rate, axis=0, edge_order=order)
     return np.asarray(found * fps**2)
 
 

@@ -100,7 +100,10 @@ def rests(place: Mat, fps: float, leg: float) -> Mask:
     half = max(1, round(0.5 * WINDOW * fps))
     padded = np.pad(place, ((half, half), (0, 0)), mode="edge")
     speed = np.linalg.norm(padded[2 * half :] - padded[: -2 * half], axis=1) * fps / (2 * half)
-    speed[:half], speed[-half:] = speed[half], speed[-half - 1]
+    if len(place) > half:
+        speed[:half], speed[-half:] = speed[half], speed[-half - 1]
+    else:  # the motion is shorter than the window
+        speed[:] = np.linalg.norm(place[-1] - place[0]) * fps / (len(place) - 1)
     mask = np.zeros(len(place), dtype=bool)
     for first, last in runs(speed < OFF * leg):
         begun = np.flatnonzero(speed[first:last] < ON * leg)

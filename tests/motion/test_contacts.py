@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hqp.motion.contacts import detect, runs
+from hqp.motion import retarget
+from hqp.motion.contacts import detect, rests, runs
 from hqp.motion.joints import parts_of
 
 from .people import stand, walk
+from .robots import robot as catalogued
 
 LEG = 0.84
 
@@ -58,6 +61,18 @@ def test_noise_of_markers_does_not_end_a_rest() -> None:
         motion.names, motion.positions + np.random.default_rng(1).normal(0.0, 5e-4, motion.positions.shape), 120.0
     )
     assert found(noisy.smoothed()).resting["left_foot"].all()
+
+
+@pytest.mark.parametrize("fps", [30.0, 120.0, 1000.0])
+@pytest.mark.parametrize("frames", range(2, 8))
+def test_motions_shorter_than_the_window_of_a_speed_are_read(frames: int, fps: float) -> None:
+    way = np.linspace(0.0, 5.0 * (frames - 1) / fps, frames)[:, None] * np.array([1.0, 0.0, 0.0])
+    assert rests(way, fps, 1.0).shape == (frames,)
+    assert not rests(way, fps, 1.0).any()
+    robot, motion = catalogued("g1"), stand(0.5)
+    short = replace(motion, positions=motion.positions[:frames], fps=fps)
+    if frames == 2:
+        assert len(retarget(short, robot).q) == len(retarget(short, robot, dynamics=True).q) == frames
 
 
 def test_a_hand_on_the_floor_rests() -> None:
