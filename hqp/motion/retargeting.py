@@ -13,7 +13,7 @@ from hqp.errors import DeclarationError
 
 from .anchored import solved
 from .body import Body
-from .clip import Motion
+from .clip import RATES, Motion
 from .contacts import NAMES, Mask
 from .dynamics import Dynamics, carried
 from .joints import parts_of
@@ -68,8 +68,9 @@ def retarget(
         found = find_map(map, robot)
         if not isinstance(motion, Motion):
             motion = read_motion(motion, up=up, body_model=body_model, human=found.human)
-        if fps is not None and not 0.0 < fps < math.inf:
-            raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed="above 0")
+        if fps is not None and not RATES[0] <= fps <= RATES[1]:
+            allowed = f"{RATES[0]:g} to {RATES[1]:g}"
+            raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed=allowed)
         given = _contacts(contacts, len(motion))
         rate = motion.fps if fps is None else float(fps)
         clip = ticked(motion, rate)

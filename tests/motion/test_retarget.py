@@ -257,7 +257,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(["retarget", str(path), "--robot", "ur5"]) == 2
 
 
-@pytest.mark.parametrize(("given", "what"), [({"fps": 0.0}, "fps"), ({"up": "w"}, "up"), ({"map": "nobody"}, "map")])
+@pytest.mark.parametrize(
+    ("given", "what"), [({"fps": 0.0}, "fps"), ({"fps": 1e9}, "fps"), ({"up": "w"}, "up"), ({"map": "nobody"}, "map")]
+)
 def test_what_is_wrong_is_told(given: dict[str, object], what: str, tmp_path: Path) -> None:
     with pytest.raises(DeclarationError, match=what):
         retarget(write_npz(tmp_path / "stand.npz", stand(0.3)), "g1", **given)  # type: ignore[arg-type]
