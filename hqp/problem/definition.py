@@ -92,7 +92,7 @@ class Levels:
     def _priced(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
         """argmin ||w|| + c (E + R) by root finding on log m; min E + R where the level is met for its price.
 
-        From the latter if the level can be met: where m is small, w is rounding at most other points.
+        The search begins at the latter if the level can be met: at most other points a small m leaves w as rounding.
         """
         nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
         best = self._search(rows, replace(above, anchors=()), x, 1.0)

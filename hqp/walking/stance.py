@@ -76,7 +76,7 @@ def borne(robot: Any, foot: Foot, q: Vec) -> Vec:
 
 
 def overloaded(robot: Any, foot: Foot, start: Vec) -> list[str]:
-    """A reason for each motor that a step overloads: its share of torque where the other foot lifts off, the CoM still
+    """A reason for each motor that a step overloads: its share of torque as the other foot lifts off, the CoM still
     between the feet."""
     parts = zip(robot.joint_names, borne(robot, foot, start).tolist(), strict=True)
     where = f"of its torque as the weight comes onto the {foot.name} foot: walks fall if that lasts"

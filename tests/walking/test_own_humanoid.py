@@ -51,7 +51,7 @@ def test_bent_knees_do_not_turn_a_robot_on_point_feet(seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["icub", *(pytest.param(n, marks=pytest.mark.slow) for n in ("talos", "g1", "romeo"))])
 def test_links_do_not_push_each_other_apart_at_the_start(name: str) -> None:
-    """From a file whose home has straight legs; convex hulls of iCub's thigh and chest overlap as it is lowered."""
+    """Load files whose home has straight legs; convex hulls of iCub's thigh and chest overlap as it is lowered."""
     robot, soles = feet(hqp.robots.load(hqp.robots.load(name).source, floating=True, rotors=True))
     course = Course(Walker(robot, soles=soles))
     model, begun = course.plant.model, course.plant.com()
