@@ -45,8 +45,8 @@ class HandDown {
   // |x| at which an unmet level without a price left its values, 0 without one.
   double taken_at() const { return taken_at_; }
 
-  // By how much the value of each row that a level keeps may be off: one missed by little more than kViolated may be
-  // met, since a stage may have ended before.
+  // By how much the value of each row that a level keeps may be off: one missed by no more than kViolated may be met,
+  // since a stage may have ended before.  Ten times that are real slacks of feet that take load.
   const std::vector<double>& open() const { return open_; }
 
   // Leave the rows of level k at x: a level without a price keeps its values.
@@ -63,7 +63,7 @@ class HandDown {
       if (low[i] == high[i] || anchors_.empty()) {
         if (levels_.is_met(k, i, w)) continue;
         low[i] = high[i] = value;
-        open_[levels_.first(k) + i] = levels_.is_met(k, i, w, kEither * kViolated) ? w : 0.0;
+        open_[levels_.first(k) + i] = levels_.is_met(k, i, w, kViolated) ? w : 0.0;
         taken_at_ = larger(taken_at_, std::sqrt(dot_any(x, x, n_)));
       } else {  // below anchors the slack may still shrink
         low[i] = std::min(low[i], value);
