@@ -52,7 +52,7 @@ def test_the_least_shift_parts_two_outlines(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_stances_are_moved_apart(seed: int) -> None:
-    """A row of drawn stances, each beside the one before: those that overlap move, others stay."""
+    """A row of drawn stances, each beside the one before: overlapping stances move, others stay."""
     rng, n = np.random.default_rng(seed), 6
     sides = (rng.uniform(0.0, 0.1, n), -rng.uniform(0.0, 0.1, n))
     left, right = (np.array([[0.15 * i, y, 0.0] for i, y in enumerate(side)]) for side in sides)

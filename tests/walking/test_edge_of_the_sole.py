@@ -21,7 +21,7 @@ STEPS, FAR = 100, 0.012  # heights of the CoM around its own [m]
 @pytest.fixture(scope="module", params=["g1", "cbi"])
 def walker(request: Any) -> Walker:
     robot = hqp.robots.load(request.param, rotors=True)
-    robot.effort_limit[:] *= 10.0  # where a hip is at its limit, waist and arms bear the rest
+    robot.effort_limit[:] *= 10.0  # if a hip is at its limit, waist and arms bear the rest
     return Walker(robot, deadline=math.inf)
 
 

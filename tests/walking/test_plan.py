@@ -56,7 +56,7 @@ def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
 
 
 def test_frames_are_as_far_apart_as_their_rate_says() -> None:
-    """Rates that divide the rate of ticks, that do not, and above it: the same motion at the times of the frames."""
+    """Frames lie on the motion of the ticks, at rates that divide that of the ticks, that do not, and above it."""
     robot = hqp.robots.load("g1", rotors=True)
     walker = Walker(robot, Gait(single=0.3, double=0.1, first=0.3))
     walker.go(0.2)

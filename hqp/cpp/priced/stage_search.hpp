@@ -103,7 +103,7 @@ class StageSearch {
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
   // Return true if the end y of the latest solve violates a row or a sign by more than rounding, if nearly opposed
   // multipliers are so large that their rounding does, or if it moves where rows that it misses are met.  working: the
-  // rows held, by number; open: by how much each row may be off beside.
+  // rows held, by number; open: additional error of each row.
   bool strays(const std::vector<int>& working, const std::vector<double>& open, const double* y) {
     if (off_ > accurate_) return true;
     at_point(y);

@@ -37,7 +37,7 @@ struct WalkState {
   double t = 0.0, T = 0.0, since = 0.0, time = 0.0;  // time in the phase, its duration, time in the plan [s]
   double z = 0.0, raised = 0.0, share = 0.5, yaw = 0.0;
   double felt = 1.0, due = 1.0, heavier = 1.0;  // mean load, the one due to the motion, weight: shares of the model's
-  double soon_felt = 1.0, soon_due = 1.0;       // the same of the last kSettles
+  double soon_felt = 1.0, soon_due = 1.0;       // felt and due, means of kSettles
   double rising = 0.0;                          // rate of the CoM's height one tick before [m/s]
   double sunk[2] = {};
   double quick = 1.0;    // time of the step, a share of that of the gait
