@@ -15,6 +15,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, closest
+from hqp.numbers import set_numbers
 
 
 class TickLike(Protocol):
@@ -151,11 +152,8 @@ class Phase:
         if not isinstance(self.name, str) or not self.name:
             raise DeclarationError("phase", "no name", value=self.name, allowed="a string")
         for what in ("after", "within"):
-            value = getattr(self, what)
-            if value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-                raise DeclarationError(f"phase {self.name}", f"bad {what}", value=value, unit="s", allowed="above 0")
+            if getattr(self, what) is not None:
+                set_numbers(self, f"phase {self.name}", (what,), 0.0, strict=True, unit="s")
         if self.until is not None and not isinstance(self.until, Event):
             allowed = ", ".join(f"{kind}(...)" for kind in EVENTS)
             raise DeclarationError(f"phase {self.name}", "until is not an event", value=self.until, allowed=allowed)

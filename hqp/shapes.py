@@ -139,7 +139,7 @@ def mesh(
     scale: scale from its numbers to metres, one or ``(3,)``.  A stack with meshes takes the readable path, slower than
     native shapes.  Raises DeclarationError for a file that is missing.
     """
-    scales = (scale,) * 3 if isinstance(scale, (int, float)) else scale
+    scales = (scale,) * 3 if np.ndim(scale) == 0 else scale
     return checked(("mesh" if convex else "triangles", name, scales, position, rpy, str(file)))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from hqp.errors import DeclarationError, JointNotFound
+from hqp.numbers import number, set_numbers
 
 from .mujoco_extra import mujoco
 
@@ -28,9 +29,8 @@ class Servo:
     damping_time: float = 0.05
 
     def __post_init__(self) -> None:
-        for name, value in (*self.kp.items(), ("other", self.other), ("damping_time", self.damping_time)):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise DeclarationError("servo", f"bad {name}", value=value, allowed="finite, 0 or above")
+        object.__setattr__(self, "kp", {name: number("servo", name, value, 0.0) for name, value in self.kp.items()})
+        set_numbers(self, "servo", ("other", "damping_time"), 0.0)
 
     def gain(self, joint: str) -> float:
         """kp of a joint [N m/rad]."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
+from hqp.numbers import set_numbers
 
 from .ground_contact import Contacts
 
@@ -24,8 +25,7 @@ class Noise:
     bias: float | tuple[float, ...] = 0.0
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.std) and self.std >= 0.0):
-            raise DeclarationError("noise", "bad std", value=self.std, allowed="0 or above")
+        set_numbers(self, "noise", ("std",), 0.0)
         if not np.all(np.isfinite(self.bias)):
             raise DeclarationError("noise", "bad bias", value=self.bias, allowed="finite numbers")
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
+from hqp.numbers import set_numbers
 
 _THICK, _LONG = 0.5, 20.0  # thickness of slabs, and length of an endless slope [m]
 _BURIED = 0.05  # least depth of a slope below the ground [m]
@@ -46,8 +47,7 @@ class Terrain(ABC):
     impedance: tuple[float, float] = (0.9, 0.95)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.friction) and self.friction >= 0.0):
-            raise DeclarationError("terrain", "bad friction", value=self.friction, allowed="0 or above")
+        set_numbers(self, "terrain", ("friction",), 0.0)
         if not self.solref[0] > 0.0:
             raise DeclarationError("terrain", "bad solref", value=self.solref, allowed="time constant > 0 s")
         if not 0.0 < self.impedance[0] <= self.impedance[1] < 1.0:

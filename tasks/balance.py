@@ -17,7 +17,7 @@ from hqp.declare.law import DCM, Law
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 
-from .fields import check_number, set_names
+from .fields import set_names, set_number
 from .polygons import nearest, shrunk, slope
 from .support_polygon import SupportPolygon, hull
 
@@ -55,9 +55,9 @@ class Balance(Task):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "contacts")
-        check_number(self, "margin", self.margin, 0.0)
+        set_number(self, "margin", 0.0)
         if self.height is not None:
-            check_number(self, "height", self.height, LEAST)
+            set_number(self, "height", LEAST)
         if not isinstance(self.law, DCM):
             raise self.invalid("law", self.law, "DCM(k)")
         if isinstance(self.points, tuple) and not self.points:

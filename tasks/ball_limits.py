@@ -12,7 +12,7 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.element import Inequality
 from hqp.declare.robot import Robot, State
 
-from .fields import check_number, set_names
+from .fields import set_names, set_number
 from .limits import ACCELERATION, APPROACH, BRAKING, JointLimits, fastest, gradual, horizon
 
 STRAIGHT = 1e-3
@@ -46,8 +46,8 @@ class BallLimits(Inequality):
         for name in ("acceleration", "braking", "approach"):
             object.__setattr__(self, name, getattr(self, name) or 0.0)
         for name in ("margin", "acceleration", "braking", "approach"):
-            check_number(self, name, getattr(self, name), 0.0)
-        check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
+            set_number(self, name, 0.0)
+        set_number(self, "return_velocity", 0.0, strict=True)
 
     def balls(self, robot: Robot) -> list[tuple[str, int, float]]:
         """Name, first tangent coordinate and limit [rad] of each; raises DeclarationError if there is none."""

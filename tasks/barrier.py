@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ from hqp.arrays import Vec
 from hqp.declare.element import Inequality
 from hqp.declare.robot import State
 
-from .fields import check_number
+from .fields import set_number
 
 FAST = 4.0
 """The second pole over the first where x is an acceleration."""
@@ -43,10 +42,10 @@ class _Barrier(Inequality):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number(self, "rate", self.rate, 0.0, strict=True)
-        check_number(self, "recovery", self.recovery, 0.0, strict=True)
-        if self.acceleration is not None and self.acceleration != math.inf:
-            check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
+        set_number(self, "rate", 0.0, strict=True)
+        set_number(self, "recovery", 0.0, strict=True)
+        if self.acceleration is not None:
+            set_number(self, "acceleration", 0.0, strict=True, infinite=True)
 
     @property
     def outset(self) -> float:

@@ -20,7 +20,7 @@ from . import collision_world
 from .collision_motion import FORESIGHT, STEP, Motions, moving
 from .collision_rows import Near
 from .collision_scene import scene
-from .fields import check_number, set_names
+from .fields import set_names, set_number
 
 HELD = 0.5
 """Share of the rate at which pairs inside are let go while a deeper one comes out."""
@@ -92,12 +92,12 @@ class CollisionAvoidance(Inequality):
         if len(set(names)) < len(names):
             raise self.invalid("world", names, "shapes with distinct names")
         for what in ("clearance", "rate", "braking", "recovery"):
-            check_number(self, what, getattr(self, what), 0.0, strict=what != "clearance")
-        check_number(self, "influence", self.influence, self.clearance, strict=True)
-        if self.acceleration is not None and self.acceleration != math.inf:
-            check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
+            set_number(self, what, 0.0, strict=what != "clearance")
+        set_number(self, "influence", self.clearance, strict=True)
+        if self.acceleration is not None:
+            set_number(self, "acceleration", 0.0, strict=True, infinite=True)
         if self.approach is not None:
-            check_number(self, "approach", self.approach, 0.0, strict=True)
+            set_number(self, "approach", 0.0, strict=True)
         if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
             raise self.invalid("slots", self.slots, "a whole number, 0 for the number of pairs that can be near")
 

@@ -16,7 +16,7 @@ from hqp.declare.robot import Robot, State
 
 from .barrier import _Barrier
 from .directions import AlignAxis, LookAt
-from .fields import check_number
+from .fields import set_number
 
 STRAIGHT_BACK = 1e-3
 """Sine of the angle below which an axis that points away has no direction to come back in."""
@@ -42,7 +42,7 @@ class Cone(_Barrier):
         if not isinstance(self.task, (AlignAxis, LookAt)):
             raise self.invalid("task", self.task, "an AlignAxis or a LookAt")
         super().__post_init__()
-        check_number(self, "angle", self.angle, 0.0, strict=True)
+        set_number(self, "angle", 0.0, strict=True)
         if self.angle > 0.5 * math.pi:
             raise self.invalid("angle", self.angle, "at most pi / 2")
 

@@ -14,8 +14,9 @@ from hqp.declare import plans
 from hqp.declare.element import Constraint, Task
 from hqp.declare.reference import Given, Reference
 from hqp.declare.robot import Robot, State
+from hqp.numbers import number
 
-from .fields import check_number
+from .fields import set_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,13 +45,13 @@ class JointCoupling(Task, Constraint):
         joints = [joint for joint, _ in pairs]
         if not pairs or not all(isinstance(j, str) and j for j in joints) or len(set(joints)) < len(joints):
             raise self.invalid("coefficients", given, '{"joint": coefficient, ...}')
-        for joint, value in pairs:
-            check_number(self, f"coefficient of {joint}", value)
+        plain = tuple((joint, number(self.owner, f"coefficient of {joint}", value)) for joint, value in pairs)
+        for joint, value in plain:
             if value == 0.0:
                 raise self.invalid(f"coefficient of {joint}", value, "a nonzero number")
-        object.__setattr__(self, "coefficients", tuple((joint, float(value)) for joint, value in pairs))
+        object.__setattr__(self, "coefficients", tuple((joint, float(value)) for joint, value in plain))
         super().__post_init__()
-        check_number(self, "offset", self.offset)
+        set_number(self, "offset")
 
     def default_name(self) -> str:
         """The joints, joined by underscores."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -15,6 +14,7 @@ from hqp.declare.element import Element
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
+from hqp.numbers import set_numbers
 
 
 @cache
@@ -45,12 +45,9 @@ def check_relative(element: Element, relative_to: object, heading: object = Fals
         raise element.invalid("heading", heading, "False, or relative_to=... to name the frame with the heading")
 
 
-def check_number(element: Element, what: str, value: Any, low: float = -math.inf, *, strict: bool = False) -> None:
-    """Raise DeclarationError unless ``value`` is a finite number, at least ``low`` (above it if strict)."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    if not number or value < low or (strict and value <= low):
-        bound = "" if low == -math.inf else f" {'above' if strict else 'at least'} {low:g}"
-        raise element.invalid(what, value, f"a finite number{bound}")
+def set_number(element: Element, what: str, low: float = -math.inf, **bounds: Any) -> None:
+    """Store a field as a plain number within bounds of ``hqp.numbers.number``; raises DeclarationError."""
+    set_numbers(element, element.owner, (what,), low, **bounds)
 
 
 def set_vector(element: Element, what: str, count: int = 3) -> None:

@@ -14,7 +14,7 @@ from hqp.declare import plans
 from hqp.declare.element import Inequality
 from hqp.declare.robot import Robot, State
 
-from .fields import check_frame, check_number
+from .fields import check_frame, set_number
 from .twists import twist_derivatives
 
 INNER = 0.98
@@ -71,11 +71,10 @@ class FrameVelocityLimits(Inequality):
         super().__post_init__()
         check_frame(self, "frame", self.frame)
         for name in ("linear", "angular"):
-            if getattr(self, name) != math.inf:
-                check_number(self, name, getattr(self, name), 0.0, strict=True)
+            set_number(self, name, 0.0, strict=True, infinite=True)
         if self.linear == self.angular == math.inf:
             raise self.invalid("limits", (self.linear, self.angular), "a finite linear [m/s] or angular [rad/s]")
-        check_number(self, "rate", self.rate, 0.0, strict=True)
+        set_number(self, "rate", 0.0, strict=True)
 
     def _limits(self) -> list[tuple[slice, float]]:
         """Part of a twist and its limit, for each that is finite."""

@@ -13,7 +13,7 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.element import Constraint, Quantity
 from hqp.declare.robot import Robot
 
-from .fields import check_number
+from .fields import set_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class UnilateralContact(_ContactForce):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number(self, "minimum", self.minimum, 0.0)
+        set_number(self, "minimum", 0.0)
 
     def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
         """The row of f_z."""
@@ -108,11 +108,11 @@ class FrictionCone(_ContactForce):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number(self, "mu", self.mu, 0.0, strict=True)
+        set_number(self, "mu", 0.0, strict=True)
         if not isinstance(self.edges, int) or isinstance(self.edges, bool) or self.edges < 3:
             raise self.invalid("edges", self.edges, "a whole number, at least 3")
-        if self.torsion not in (None, math.inf):
-            check_number(self, "torsion", self.torsion, 0.0)
+        if self.torsion is not None:
+            set_number(self, "torsion", 0.0, infinite=True)
         if self.sole is None:
             return
         if self.torsion is not None:
@@ -168,7 +168,7 @@ class ForceLimits(_ContactForce):
         super().__post_init__()
         for what in ("force", "moment"):
             if getattr(self, what) is not None:
-                check_number(self, what, getattr(self, what), 0.0)
+                set_number(self, what, 0.0)
         if self.force is None and self.moment is None:
             raise self.invalid("force and moment", None, "at least one of them")
 

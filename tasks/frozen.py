@@ -15,7 +15,7 @@ from hqp.declare.element import Inequality
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 
-from .fields import check_number, joint_columns, set_names
+from .fields import joint_columns, set_names, set_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,8 @@ class Frozen(Inequality):
         set_names(self, "joints")
         if self.joints is None:
             raise self.invalid("joints", None, "names of joints or groups")
-        check_number(self, "rate", self.rate, 0.0, strict=True)
-        check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
+        set_number(self, "rate", 0.0, strict=True)
+        set_number(self, "acceleration", 0.0, strict=True)
 
     def rows(self, robot: Robot) -> int:
         """Number of joints k; raises JointNotFound, DeclarationError."""

@@ -14,7 +14,7 @@ from hqp.declare import plans
 from hqp.declare.element import Element, Inequality
 from hqp.declare.robot import Robot, State
 
-from .fields import check_number, joint_columns, set_names
+from .fields import joint_columns, set_names, set_number
 
 ACCELERATION = 50.0
 """Default of the acceleration window [rad/s^2, m/s^2]."""
@@ -89,12 +89,12 @@ class JointLimits(Inequality):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
-        check_number(self, "margin", self.margin, 0.0)
-        check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
+        set_number(self, "margin", 0.0)
+        set_number(self, "return_velocity", 0.0, strict=True)
         for name in ("speed", "acceleration", "braking", "approach", "jerk"):
             value = getattr(self, name)
             object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot express None
-            check_number(self, name, getattr(self, name), 0.0)
+            set_number(self, name, 0.0)
 
     def rows(self, robot: Robot) -> int:
         """Number of joints k; raises JointNotFound."""

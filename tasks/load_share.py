@@ -14,7 +14,7 @@ from hqp.declare.element import Element, Quantity
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot
 
-from .fields import check_number
+from .fields import set_number
 from .friction import CenterOfPressure
 
 
@@ -48,10 +48,8 @@ class LoadShare(Element):
             raise self.invalid("contacts", names, "the names of two contacts in subject_to")
         object.__setattr__(self, "contacts", tuple(names))
         super().__post_init__()
-        check_number(self, "share", self.share, 0.0)
-        if self.share > 1.0:
-            raise self.invalid("share", self.share, "from 0 to 1")
-        check_number(self, "arm", self.arm, 0.0, strict=True)
+        set_number(self, "share", 0.0, most=1.0)
+        set_number(self, "arm", 0.0, strict=True)
         if not isinstance(self.middles, tuple) or self.middles:
             try:
                 given = np.array(self.middles, dtype=np.float64)

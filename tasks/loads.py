@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,8 +15,9 @@ from hqp.declare import plans
 from hqp.declare.element import Element, Quantity
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Load, Robot, State
+from hqp.numbers import number
 
-from .fields import check_frame, check_number, joint_columns, set_names, set_vector
+from .fields import check_frame, joint_columns, set_names, set_number, set_vector
 from .relative import skew
 
 
@@ -116,7 +117,7 @@ class Payload(_FrameLoad):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number(self, "mass", self.mass)
+        set_number(self, "mass")
         set_vector(self, "com")
 
     def default_name(self) -> str:
@@ -177,10 +178,11 @@ class JointLoad(_Load):
         set_names(self, "joints")
         if not isinstance(self.base, bool):
             raise self.invalid("base", self.base, "True or False")
-        for inertia in self.inertia if isinstance(self.inertia, (list, tuple)) else [self.inertia]:
-            check_number(self, "inertia", inertia, 0.0)
-        if isinstance(self.inertia, list):
-            object.__setattr__(self, "inertia", tuple(self.inertia))
+        if isinstance(self.inertia, Iterable):
+            inertias = tuple(number(self.owner, "inertia", inertia, 0.0) for inertia in self.inertia)
+            object.__setattr__(self, "inertia", inertias)
+        else:
+            set_number(self, "inertia", 0.0)
 
     def default_name(self) -> str:
         """``joint_load``."""

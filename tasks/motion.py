@@ -16,7 +16,7 @@ from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 from hqp.errors import ProblemError
 
-from .fields import check_axes, check_number, indices, joint_columns, set_names
+from .fields import check_axes, indices, joint_columns, set_names, set_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,8 +238,8 @@ class BaseVelocityLimits(Inequality):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number(self, "linear", self.linear, 0.0, strict=True)
-        check_number(self, "angular", self.angular, 0.0, strict=True)
+        set_number(self, "linear", 0.0, strict=True)
+        set_number(self, "angular", 0.0, strict=True)
 
     def rows(self, robot: Robot) -> int:
         """6; raises DeclarationError for a fixed base."""

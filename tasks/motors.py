@@ -13,7 +13,7 @@ from hqp.declare import plans
 from hqp.declare.element import Inequality, Quantity
 from hqp.declare.robot import Robot, State
 
-from .fields import check_number, motor_positions, set_names
+from .fields import motor_positions, set_names, set_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class _MotorLimits(Inequality):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
-        check_number(self, "scale", self.scale, 0.0, strict=True)
+        set_number(self, "scale", 0.0, strict=True)
 
     def rows(self, robot: Robot) -> int:
         """Number of motors k; raises JointNotFound."""
@@ -86,11 +86,9 @@ class TorqueSpeedLimits(_MotorLimits):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number(self, "corner", self.corner, 0.0)
-        if self.corner >= 1.0:
-            raise self.invalid("corner", self.corner, "below 1")
+        set_number(self, "corner", 0.0, below=1.0)
         if self.no_load is not None:
-            check_number(self, "no_load", self.no_load, 0.0, strict=True)
+            set_number(self, "no_load", 0.0, strict=True)
 
     def bounds(self, state: State) -> tuple[Vec, Vec]:
         """(lower, upper) of the torques ``(k,)`` [N m]."""

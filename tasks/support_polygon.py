@@ -19,7 +19,7 @@ from hqp.declare.robot import Robot, State
 from .barrier import _Barrier
 from .contact import PointContact
 from .edge import EdgeContact
-from .fields import check_number, set_names
+from .fields import set_names, set_number
 from .friction import CenterOfPressure
 
 FLAT = 2e-5
@@ -60,7 +60,7 @@ class SupportPolygon(_Barrier):
                 raise self.invalid(what, given, "at least three points")
         super().__post_init__()
         set_names(self, "contacts")
-        check_number(self, "margin", self.margin, 0.0)
+        set_number(self, "margin", 0.0)
         if self.sole is not None:
             CenterOfPressure(contact="sole", rectangle=self.sole)  # raises the error
         for what, count in (("points", 4), ("polygon", 2)):

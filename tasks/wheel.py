@@ -15,7 +15,7 @@ from hqp.declare.element import Constraint, Task
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 
-from .fields import check_frame, check_number, set_vector, unit
+from .fields import check_frame, set_number, set_vector, unit
 from .relative import Triple, skew
 
 UP: Triple = (0.0, 0.0, 1.0)
@@ -45,7 +45,7 @@ class _Wheel(Task, Constraint):
         super().__post_init__()
         check_frame(self, "wheel", self.wheel)
         if self.radius is not None:
-            check_number(self, "radius", self.radius, 0.0, strict=True)
+            set_number(self, "radius", 0.0, strict=True)
         if self.axle is not None:
             set_vector(self, "axle")
             if not any(self.axle):

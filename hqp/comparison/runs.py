@@ -16,10 +16,10 @@ from hqp.comparison.table import Comparison, Line
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
-from hqp.declare.safety import positive
 from hqp.declare.stack import Stack
 from hqp.errors import UnsupportedProblem
 from hqp.loop.session import Controller, Session
+from hqp.numbers import number
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
 from hqp.problem.certify import certificate
 from hqp.programs.formulation import Formulation, Velocity
@@ -58,8 +58,8 @@ def compare(
     that all solvers have one solution; "both" solves exact and priced levels side by side, the latter by the solvers
     that can.  BLAS takes one thread meanwhile: matrices are too small for more.
     """
-    positive("compare", "dt", dt)
-    positive("compare", "repeats", repeats)
+    dt = number("compare", "dt", dt, 0.0, strict=True)
+    number("compare", "repeats", repeats, 0.0, strict=True)
     chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
     named = [(item, load(item)) if isinstance(item, str) else (item.name, item) for item in chosen]
     states = None if states is None else tuple(states)

@@ -93,7 +93,13 @@ class Element(ABC):
 
     def invalid(self, what: str, value: object, allowed: str) -> DeclarationError:
         """The error for a field with a value that is not allowed."""
-        return DeclarationError(f"{type(self).__name__} {self.name or '?'}", what, value=value, allowed=allowed)
+        return DeclarationError(self.owner, what, value=value, allowed=allowed)
+
+    @property
+    def owner(self) -> str:
+        """Kind and name, as errors show them."""
+        named = isinstance(self.name, str) and bool(self.name)
+        return f"{type(self).__name__} {self.name if named else '?'}"
 
     @abstractmethod
     def rows(self, robot: Robot) -> int:

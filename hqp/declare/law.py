@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
@@ -12,6 +11,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
+from hqp.numbers import number, set_numbers
 
 Gain: TypeAlias = "float | tuple[float, ...]"
 
@@ -50,15 +50,9 @@ class Law(ABC):
                 value = value.tolist()
                 object.__setattr__(self, field, value)
             values = tuple(value) if isinstance(value, (tuple, list)) else (value,)
-            for x in values:
-                if not _is_number(x) or not math.isfinite(x) or x < 0.0:
-                    raise DeclarationError(f"{name}.{field}", "bad gain", value=value, allowed="finite and >= 0")
-            if isinstance(value, list):
-                object.__setattr__(self, field, values)
-        for field in ("max_velocity", "max_acceleration"):
-            value = getattr(self, field)
-            if not _is_number(value) or math.isnan(value) or value <= 0.0:
-                raise DeclarationError(f"{name}.{field}", "bad bound", value=value, allowed="a positive number")
+            found = tuple(number(f"{name}.{field}", "gain", x, 0.0) for x in values)
+            object.__setattr__(self, field, found if isinstance(value, (tuple, list)) else found[0])
+        set_numbers(self, name, ("max_velocity", "max_acceleration"), 0.0, strict=True, infinite=True)
 
 
 @dataclass(frozen=True)
@@ -130,10 +124,7 @@ class SelfMotion(Law):
 
     def __post_init__(self) -> None:
         self._check(("kp", "kv", "ke"))
-        for gain in ("kp", "kv", "ke"):
-            value = getattr(self, gain)
-            if not _is_number(value) or value <= 0.0:
-                raise DeclarationError(f"SelfMotion.{gain}", "bad gain", value=value, allowed="a positive number")
+        set_numbers(self, "SelfMotion", ("kp", "kv", "ke"), 0.0, strict=True)
         if min(self.max_velocity, self.max_acceleration) < math.inf:
             raise DeclarationError("SelfMotion", "allows no saturation, which would void its Lyapunov function")
 
@@ -190,7 +181,3 @@ def held(feedback: Vec, bound: float | Vec, each: bool) -> Vec:
         return np.clip(feedback, -np.asarray(bound), bound)
     size = math.sqrt(float(feedback @ feedback))
     return feedback * (bound / size) if size > bound else feedback
-
-
-def _is_number(x: object) -> bool:
-    return isinstance(x, numbers.Real) and not isinstance(x, bool)

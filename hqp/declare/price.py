@@ -15,6 +15,7 @@ from hqp.declare.element import Element, selection_of
 from hqp.declare.law import PD, Law, P, SelfMotion
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, UnsupportedProblem
+from hqp.numbers import plain, set_numbers
 from hqp.problem import ETA
 
 if TYPE_CHECKING:
@@ -62,10 +63,8 @@ class Price:
     def __post_init__(self) -> None:
         if not isinstance(self.turning, bool):
             raise DeclarationError("Price.turning", "not a bool", value=self.turning, allowed="true or false")
-        tau = self.tau
-        number = isinstance(tau, (int, float)) and not isinstance(tau, bool)
-        if tau is not None and not (number and 0.0 <= tau < math.inf):
-            raise DeclarationError("Price.tau", "out of range", value=tau, allowed="finite, 0 or above", unit="s")
+        if self.tau is not None:
+            set_numbers(self, "Price", ("tau",), 0.0, unit="s")
 
 
 Priced: TypeAlias = "Price | float | None"
@@ -76,7 +75,7 @@ def as_price(owner: str, value: object) -> Price | None:
     """A declared price: None for the default, Price(0) for 0; raises DeclarationError for anything else."""
     if value is None or isinstance(value, Price):
         return value
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and value == 0:
+    if plain(value) == 0:
         return Price(0.0)
     raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=...), or 0 for exact")
 

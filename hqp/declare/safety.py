@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hqp.errors import DeclarationError
+from hqp.numbers import number, set_numbers
 
 RateLimit = float | Sequence[float] | None
 
@@ -26,8 +27,7 @@ class StateBounds:
     speed: float = 1e3
 
     def __post_init__(self) -> None:
-        for name in ("outside", "angle", "distance", "speed"):
-            positive("StateBounds", name, getattr(self, name))
+        set_numbers(self, "StateBounds", ("outside", "angle", "distance", "speed"), 0.0, strict=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,14 +48,13 @@ class RateLimits:
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "torque"):
             value = getattr(self, name)
-            if value is None or isinstance(value, (int, float)):
-                if value is not None:
-                    positive("RateLimits", name, value)
+            if value is None:
                 continue
-            numbers = tuple(float(x) for x in value)
-            for number in numbers:
-                positive("RateLimits", name, number)
-            object.__setattr__(self, name, numbers)
+            if isinstance(value, Iterable):
+                given = tuple(number("RateLimits", name, x, 0.0, strict=True) for x in value)
+                object.__setattr__(self, name, given)
+            else:
+                set_numbers(self, "RateLimits", (name,), 0.0, strict=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,14 +74,6 @@ class Braking:
     after: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("deceleration", "damping", "after"):
-            positive("Braking", name, getattr(self, name))
+        set_numbers(self, "Braking", ("deceleration", "damping", "after"), 0.0, strict=True)
         if self.resume not in ("auto", "ask"):
             raise DeclarationError("Braking", "resume", value=self.resume, allowed='"auto" or "ask"')
-
-
-def positive(where: str, name: str, value: object) -> None:
-    """Raise DeclarationError unless value is a positive finite number."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not 0.0 < value < math.inf:  # type: ignore[operator]
-        raise DeclarationError(where, name, value=value, allowed="a positive finite number")

@@ -3,7 +3,6 @@ stand still."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from hqp.arrays import Vec
 from hqp.declare import plans
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
+from hqp.numbers import number
 
 
 class FeetEstimator:
@@ -70,9 +70,9 @@ class FeetEstimator:
             raise DeclarationError("estimator", f"{robot.name} has a fixed base", allowed="a free base")
         constants = {"period": period, "tilt": tilt, "yaw": yaw, "velocity": velocity, "bias": bias}
         constants |= {"position": position}
-        for name, value in constants.items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise DeclarationError("estimator", f"bad {name}", value=value, unit="s", allowed="positive")
+        constants = {
+            name: number("estimator", name, value, 0.0, strict=True, unit="s") for name, value in constants.items()
+        }
         from hqp import _session  # a package without compiled parts imports this room
 
         self._robot = robot.copy()

@@ -10,6 +10,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
+from hqp.numbers import number
 
 
 class MomentumObserver:
@@ -39,9 +40,8 @@ class MomentumObserver:
         bandwidth: float = 20.0,
         damping: Vec | None = None,
     ) -> None:
-        for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s")):
-            if not (math.isfinite(value) and value > 0.0):
-                raise DeclarationError("observer", f"bad {what}", value=value, unit=unit, allowed="positive")
+        period = number("observer", "period", period, 0.0, strict=True, unit="s")
+        bandwidth = number("observer", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
         robot.frame(frame)
         columns = robot.joints(joints)
         if columns.size < 3:

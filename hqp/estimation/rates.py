@@ -9,7 +9,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.declare.robot import Robot
-from hqp.errors import DeclarationError
+from hqp.numbers import number
 
 NOISE = 0.12
 """Largest difference between an estimated rate and its measurement [rad/s], six times the noise of a good encoder."""
@@ -31,9 +31,9 @@ class RateObserver:
     """
 
     def __init__(self, robot: Robot, period: float, *, bandwidth: float = 100.0, most: float = NOISE) -> None:
-        for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s"), ("most", most, "rad/s")):
-            if not (value > 0.0 and (math.isfinite(value) or what == "most")):
-                raise DeclarationError("observer", f"bad {what}", value=value, unit=unit, allowed="positive")
+        period = number("observer", "period", period, 0.0, strict=True, unit="s")
+        bandwidth = number("observer", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
+        most = number("observer", "most", most, 0.0, strict=True, unit="rad/s", infinite=True)
         from hqp import _session  # a package without compiled parts imports this room
 
         columns = [int(column) for column in robot.actuated]

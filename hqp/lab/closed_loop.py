@@ -8,9 +8,9 @@ from typing import Any
 
 from hqp.commands.manifest import manifest
 from hqp.commands.threads import one_thread
-from hqp.declare.safety import positive
 from hqp.declare.stack import Stack
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
+from hqp.numbers import number
 from hqp.programs.formulation import Formulation, Velocity
 from hqp.solvers import available, default, load
 from hqp.solvers.base import Solver
@@ -43,7 +43,7 @@ def bench(
     installed, has a line with the reason.  Raises DeclarationError for a bad trajectory, plant or number.
     """
     for name, value in (("dt", dt), ("seconds", seconds), ("certify_every", certify_every)):
-        positive("bench", name, value)
+        number("bench", name, value, 0.0, strict=True)
     formulation = formulation or Velocity()
     chosen = available() if solvers == "all" else (solvers or default(),) if isinstance(solvers, str) else solvers
     ticks = max(2, round(seconds / dt))

@@ -11,9 +11,10 @@ import numpy as np
 
 from hqp.declare.price import Price, Priced, as_price, is_exact
 from hqp.declare.robot import Robot
-from hqp.declare.safety import Braking, RateLimits, StateBounds, positive
+from hqp.declare.safety import Braking, RateLimits, StateBounds
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning
+from hqp.numbers import set_numbers
 from hqp.programs.formulation import Formulation, Velocity
 from hqp.solvers import load
 from hqp.solvers.base import Solver
@@ -65,8 +66,8 @@ class Controller:
         object.__setattr__(self, "price", price if self.calm else Price(0.0))
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))
-        if self.deadline is not None and self.deadline != math.inf:
-            positive("controller", "deadline", self.deadline)
+        if self.deadline is not None:
+            set_numbers(self, "controller", ("deadline",), 0.0, strict=True, infinite=True)
         for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):
             value = getattr(self, name)
             if not isinstance(value, kind) and not (name == "rates" and value is None):

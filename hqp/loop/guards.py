@@ -18,9 +18,10 @@ from hqp.arrays import Mask, Vec
 from hqp.declare.law import P
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot
-from hqp.declare.safety import RateLimits, StateBounds, positive
+from hqp.declare.safety import RateLimits, StateBounds
 from hqp.declare.stack import Stack
 from hqp.errors import ConcurrentUse, DeclarationError, UnknownReference, closest
+from hqp.numbers import number
 from hqp.programs.formulation import Formulation
 
 T = TypeVar("T")
@@ -147,7 +148,7 @@ def state_bounds(robot: Robot, bounds: StateBounds, max_age: float | None) -> di
     ordinary: sum of squares below which every number is within its bounds.
     """
     if max_age is not None:
-        positive("session", "max_age", max_age)
+        max_age = number("session", "max_age", max_age, 0.0, strict=True)
     limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
     low = np.where(limited, robot.lower - bounds.outside, -bounds.angle)
     high = np.where(limited, robot.upper + bounds.outside, bounds.angle)

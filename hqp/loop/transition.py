@@ -5,7 +5,6 @@ hqp/cpp/session/transition.hpp has the order of such a tick and its equations.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -16,12 +15,12 @@ from hqp.arrays import FLOAT, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
-from hqp.errors import DeclarationError
 from hqp.explanation.notes import STATUSES, Note, Notes, added, made, of_native
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.guards import refuse
 from hqp.loop.tick import Tick
 from hqp.loop.way import Waypoint, surviving_holds, way_parts
+from hqp.numbers import number
 from hqp.programs.envelope import native
 
 if TYPE_CHECKING:
@@ -35,8 +34,7 @@ Told = tuple[str, int, str]
 
 def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     """The line of another stack, which takes over at once or within ``over`` seconds at least."""
-    if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
-        raise DeclarationError("change", "duration over", value=over, unit="s", allowed="0 or above")
+    over = number("change", "over", over, 0.0, unit="s")
     points = compiler.way(line.compiled, stack) if over else [Waypoint(line.stack), Waypoint(stack)]
     compiled = [line.compiled, *(compiler.compile(point.stack) for point in points[1:])]
     holds = line.holds

@@ -19,6 +19,7 @@ from hqp.errors import DeclarationError
 from hqp.estimation import RateObserver
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session, Tick
+from hqp.numbers import set_numbers
 from hqp.policies.acceleration import Acceleration
 from hqp.policies.servo import Gains, Servos
 from hqp.programs.formulation import Velocity
@@ -92,13 +93,9 @@ class UpperBody:
             )
         if self.output == "positions" and (self.kp is None or self.kd is None):
             raise DeclarationError("UpperBody", "kp and kd", value=(self.kp, self.kd), allowed="gains of the servos")
-        for what in ("reach", "speed", "bandwidth"):
-            value = getattr(self, what)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0.0:
-                raise DeclarationError("UpperBody", what, value=value, allowed="a number above 0")
-
-        if self.margin is not None and not (isinstance(self.margin, (int, float)) and self.margin >= 0.0):
-            raise DeclarationError("UpperBody", "margin", value=self.margin, allowed="a number of at least 0, or None")
+        set_numbers(self, "UpperBody", ("reach", "speed", "bandwidth"), 0.0, strict=True, infinite=True)
+        if self.margin is not None:
+            set_numbers(self, "UpperBody", ("margin",), 0.0)
 
     def feet(self, robot: Robot) -> dict[str, Mat]:
         """Corners of each sole in the axes of its frame ``(n, 3)`` [m]; raises DeclarationError without soles."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from threading import get_ident
@@ -11,7 +10,8 @@ from typing import ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec, row_lengths
-from hqp.errors import DeclarationError, ProblemError, UnsupportedProblem
+from hqp.errors import ProblemError, UnsupportedProblem
+from hqp.numbers import set_numbers
 from hqp.problem import EQUALITY, Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.problem.completion import allowed
 from hqp.tolerances import ACTIVITY_TOLERANCE, FEASIBILITY_TOLERANCE, VIOLATION_TOLERANCE
@@ -100,22 +100,10 @@ class Solver(ABC):
             raise UnsupportedProblem(f"{self.name} cannot solve priced levels; use 'lexicographic', or price=0")
 
 
-def check_number(
-    solver: str, field: str, value: object, above: float = 0.0, below: float = math.inf, closed: bool = False
-) -> None:
-    """Raise DeclarationError unless an option is a number between the two; closed allows the lower end itself."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not (above <= value if closed else above < value) or not value < below:  # type: ignore[operator]
-        low = f"from {above:g}" if closed else f"above {above:g}"
-        raise DeclarationError(solver, f"bad {field}", value=value, allowed=f"{low}, below {below:g}")
-
-
 def check_fields(solver: Solver, shares: Sequence[str], counts: Sequence[str]) -> None:
     """Raise DeclarationError unless the named options of a solver lie in (0, 1), and from 1 up."""
-    for field in shares:
-        check_number(solver.name, field, getattr(solver, field), below=1.0)
-    for field in counts:
-        check_number(solver.name, field, getattr(solver, field), above=1, closed=True)
+    set_numbers(solver, solver.name, shares, 0.0, strict=True, below=1.0)
+    set_numbers(solver, solver.name, counts, 1)
 
 
 def require_hierarchy(problem: object) -> None:

@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.numbers import set_numbers
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
-from hqp.solvers.base import Solver, check_number
+from hqp.solvers.base import Solver
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 from hqp.tolerances import MET_TOLERANCE, RANK_TOLERANCE
@@ -38,8 +39,8 @@ class Chiaverini(Solver):
     ignore_inequalities: bool = False
 
     def __post_init__(self) -> None:
-        check_number("chiaverini", "rank_tolerance", self.rank_tolerance, below=1.0)
-        check_number("chiaverini", "damping", self.damping, closed=True)
+        set_numbers(self, "chiaverini", ("rank_tolerance",), 0.0, strict=True, below=1.0)
+        set_numbers(self, "chiaverini", ("damping",), 0.0)
 
     def workspace(self, shape: Shape) -> ChiaveriniWorkspace:
         """Allocate; raises UnsupportedProblem for inequalities, metric and origin."""

@@ -18,6 +18,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, readable
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.native import ADVICE
+from hqp.numbers import number
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape
 from hqp.solvers.flat import Flat
@@ -177,8 +178,7 @@ class NativeWorkspace:
         Whoever sets one, infinity too, solves again and again: only answers that are not certified are doubted then.
         Raises DeclarationError for a negative or NaN time.
         """
-        if not isinstance(seconds, (int, float)) or not seconds >= 0.0:
-            raise DeclarationError("lexicographic", "bad time limit", value=seconds, unit="s", allowed="0 or above")
+        seconds = number("lexicographic", "time limit", seconds, 0.0, unit="s", infinite=True)
         self._limited, self._ticking = 0.0 < seconds < math.inf, seconds > 0.0
         self.native.limit(seconds if self._limited else 0.0)
 

@@ -9,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.numbers import set_numbers
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.problem.completion import metric_factor
-from hqp.solvers.base import Solver, check_number
+from hqp.solvers.base import Solver
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 from hqp.tolerances import RANK_TOLERANCE
@@ -37,7 +38,7 @@ class Nullspace(Solver):
     ignore_inequalities: bool = False
 
     def __post_init__(self) -> None:
-        check_number("nullspace", "rank_tolerance", self.rank_tolerance, below=1.0)
+        set_numbers(self, "nullspace", ("rank_tolerance",), 0.0, strict=True, below=1.0)
 
     def workspace(self, shape: Shape) -> NullspaceWorkspace:
         """Allocate; raises UnsupportedProblem for inequalities, unless they are to be ignored."""

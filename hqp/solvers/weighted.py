@@ -10,9 +10,10 @@ import numpy as np
 
 from hqp.arrays import Mask, Vec
 from hqp.errors import BackendError, DeclarationError
+from hqp.numbers import number, set_numbers
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
-from hqp.solvers.base import Solver, check_number
+from hqp.solvers.base import Solver
 from hqp.solvers.flat import Flat
 
 
@@ -38,12 +39,10 @@ class Weighted(Solver):
 
     def __post_init__(self) -> None:
         if self.weights is not None:
-            object.__setattr__(self, "weights", tuple(self.weights))
-        for field in ("ratio", "regularisation", "tolerance"):
-            check_number("weighted", field, getattr(self, field))
-        check_number("weighted", "max_iterations", self.max_iterations, above=1, closed=True)
-        for weight in self.weights or ():
-            check_number("weighted", "weights", weight)
+            weights = tuple(number("weighted", "weights", weight, 0.0, strict=True) for weight in self.weights)
+            object.__setattr__(self, "weights", weights)
+        set_numbers(self, "weighted", ("ratio", "regularisation", "tolerance"), 0.0, strict=True)
+        set_numbers(self, "weighted", ("max_iterations",), 1)
 
     def require(self, shape: Shape) -> None:
         """As Solver.require; raises DeclarationError for weights of another number of levels."""

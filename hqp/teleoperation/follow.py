@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from hqp.declare.element import Task
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
-from hqp.errors import DeclarationError
+from hqp.numbers import number
 
 from .clutch import Clutch, operator_axes
-from .packets import Clock, Inbox, Packet, number, packet
+from .packets import Clock, Inbox, Packet, as_float, packet
 from .pursuit import Pursuit
 from .spaces import Space
 from .track import Sample, Track
@@ -60,14 +60,13 @@ class Follow:
         latency: float = 0.0,
     ) -> None:
         self._space, self.element = Space(element), element
-        self.max_age = _positive("max_age", max_age)
-        self._speeds = _positive("largest_speed", largest_speed), _positive("largest_turn", largest_turn)
-        most = _positive("largest_acceleration", largest_acceleration)
+        self.max_age = number("Follow", "max_age", max_age, 0.0, strict=True)
+        speed = number("Follow", "largest_speed", largest_speed, 0.0, strict=True)
+        self._speeds = speed, number("Follow", "largest_turn", largest_turn, 0.0, strict=True)
+        most = number("Follow", "largest_acceleration", largest_acceleration, 0.0, strict=True)
         self._accelerations = most, most * self._speeds[1] / self._speeds[0]
-        if not isinstance(latency, (int, float)) or not 0.0 <= latency < math.inf:
-            raise DeclarationError("Follow", "latency", value=latency, allowed="0 or above")
-        self._latency, self._clutched = float(latency), bool(clutch)
-        self._scale = _positive("scale", scale)
+        self._latency, self._clutched = number("Follow", "latency", latency, 0.0), bool(clutch)
+        self._scale = number("Follow", "scale", scale, 0.0, strict=True)
         self._frame = None if frame is None else operator_axes(frame, self._clutched)
         self._clutch: Clutch | None = None
         self._inbox, self._clock = Inbox(), Clock()
@@ -105,7 +104,7 @@ class Follow:
         that is not a finite number counts as that of the tick before, with a remark; an invalid state before the first
         valid one keeps the hold value.
         """
-        at, remarks = monotonic() if now is None else number(now), []
+        at, remarks = monotonic() if now is None else as_float(now), []
         if not math.isfinite(at):
             remarks.append(f"now={now!r:.40} is not a finite time [s]: counted as that of the tick before")
             at = self._now
@@ -216,9 +215,3 @@ class Follow:
             return ""
         behind = float(np.abs(self._space.minus(pursuit.value, target)).max())
         return f"the hand is faster than the reference may be: {behind:.2g} behind" if behind > BEHIND else ""
-
-
-def _positive(name: str, value: float) -> float:
-    if not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-        raise DeclarationError("Follow", name, value=value, allowed="a positive number")
-    return float(value)

@@ -49,8 +49,8 @@ def packet(element: Task, value: Any, sent: Any, age: Any, received: Any, engage
 
     A packet whose times are not usable has no value.  It is engaged only if ``engaged`` is true, not a text or number.
     """
-    arrived, old = number(received), 0.0 if age is None else number(age)
-    time = number(sent) if sent is not None else arrived - old
+    arrived, old = as_float(received), 0.0 if age is None else as_float(age)
+    time = as_float(sent) if sent is not None else arrived - old
     fault = ""
     if not math.isfinite(arrived):
         fault, arrived = f"received={received!r:.40} is not a finite time [s]", -math.inf
@@ -64,7 +64,7 @@ def packet(element: Task, value: Any, sent: Any, age: Any, received: Any, engage
     return Packet(None if fault else checked, time, arrived, sent is not None, held, fault)
 
 
-def number(value: Any) -> float:
+def as_float(value: Any) -> float:
     """The value as a float, NaN if it is not one."""
     try:
         return float(value)

@@ -17,6 +17,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, DynamicsFailed, StaleState
+from hqp.numbers import set_numbers
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.programs.assembly import Assembly
 from hqp.programs.formulation import Formulation, Place, Program
@@ -70,9 +71,8 @@ class Torque(Formulation):
     holding: float | None = 0.8
 
     def __post_init__(self) -> None:
-        share = self.holding
-        if share is not None and not (isinstance(share, (int, float)) and 0.0 < share <= 1.0):
-            raise DeclarationError("Torque", "holding", value=share, allowed="a share above 0 and at most 1, or None")
+        if self.holding is not None:
+            set_numbers(self, "Torque", ("holding",), 0.0, strict=True, most=1.0)
 
     def completed(self, stack: Stack) -> Stack:
         """The stack whose friction cones know their soles."""

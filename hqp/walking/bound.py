@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.errors import DeclarationError
-from hqp.walking.gait import check
+from hqp.numbers import number
 
 
 def largest_push(corners: ArrayLike, start: ArrayLike, direction: ArrayLike, seconds: float, omega: float) -> float:
@@ -24,8 +24,8 @@ def largest_push(corners: ArrayLike, start: ArrayLike, direction: ArrayLike, sec
     """
     from scipy.optimize import linprog
 
-    check("push", "seconds", seconds, 0.0, strict=True, unit="s")
-    check("push", "omega", omega, 0.0, strict=True, unit="1/s")
+    seconds = number("push", "seconds", seconds, 0.0, strict=True, unit="s")
+    omega = number("push", "omega", omega, 0.0, strict=True, unit="1/s")
     support, x, u = (np.asarray(given, dtype=np.float64) for given in (corners, start, direction))
     if support.ndim != 2 or support.shape[1] != 2 or x.shape != (2,) or u.shape != (2,) or not np.any(u):
         raise DeclarationError(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hqp.commands.arguments import add_output, add_robot, read_robot
+from hqp.numbers import number
 from hqp.walking.keys import HELP as KEYS
 from hqp.walking.keys import Keys
 
@@ -45,10 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Walk; returns 1 for a fall."""
-    from hqp.walking.gait import check
     from hqp.walking.walker import Walker
 
-    check("walk", "seconds", arguments.seconds, 0.0, strict=True, unit="s")
+    number("walk", "seconds", arguments.seconds, 0.0, strict=True, unit="s")
     robot, soles = _biped(arguments)
     walker = Walker(robot, soles=soles)
     wanted = arguments.forward, arguments.left, arguments.turn

@@ -11,7 +11,8 @@ import numpy as np
 from hqp import _session
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
-from hqp.walking.gait import Reach, check
+from hqp.numbers import number, set_numbers
+from hqp.walking.gait import Reach
 
 LEFT, RIGHT = 0, 1
 
@@ -46,8 +47,7 @@ class Command:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in ("forward", "left", "turn"):
-            check("walking", field, getattr(self, field), -math.inf)
+        set_numbers(self, "walking", ("forward", "left", "turn"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ class Footsteps:
     reach: Reach
 
     def __post_init__(self) -> None:
-        check("footsteps", "period", self.period, 0.0, strict=True, unit="s")
+        set_numbers(self, "footsteps", ("period", "width"), 0.0, strict=True)
         if not self.reach.least <= self.width <= self.reach.most:
             allowed = f"{self.reach.least:g} to {self.reach.most:g}, which the reach allows"
             raise DeclarationError("footsteps", "bad width", value=self.width, unit="m", allowed=allowed)
@@ -85,13 +85,14 @@ class Footsteps:
 
 def routed(footholds: Sequence[Foothold]) -> list[tuple[int, float, float, float, float]]:
     """Numbers of footholds that are LEFT and RIGHT in turn, and finite; raises DeclarationError for others."""
+    found = []
     for k, one in enumerate(footholds):
         if one.side not in (LEFT, RIGHT) or (k and one.side == footholds[k - 1].side):
             sides = [each.side for each in footholds]
             raise DeclarationError("follow", "bad side", value=sides, allowed="LEFT (0) and RIGHT (1) in turn")
-        for field in ("x", "y", "z", "yaw"):
-            check("follow", field, getattr(one, field), -math.inf)
-    return [(one.side, float(one.x), float(one.y), float(one.z), float(one.yaw)) for one in footholds]
+        x, y, z, yaw = (number("follow", field, getattr(one, field)) for field in ("x", "y", "z", "yaw"))
+        found.append((one.side, x, y, z, yaw))
+    return found
 
 
 def rotation(yaw: float) -> Mat:

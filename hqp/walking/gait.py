@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from hqp.errors import DeclarationError
-
-
-def check(what: str, field: str, value: object, least: float, *, strict: bool = False, unit: str = "") -> None:
-    """Raise DeclarationError unless a value is a finite number from ``least`` up, above it if strict."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    if not number or value < least or (strict and value <= least):  # type: ignore[operator]
-        low = "" if least == -math.inf else f" above {least:g}" if strict else f" from {least:g} up"
-        raise DeclarationError(what, f"bad {field}", value=value, unit=unit, allowed=f"a finite number{low}")
+from hqp.numbers import set_numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +29,9 @@ class Gait:
     lower: float = 0.06
 
     def __post_init__(self) -> None:
-        for field in ("single", "double", "first", "search", "patience"):
-            check("gait", field, getattr(self, field), 0.0, strict=True)
-        for field in ("height", "lower"):
-            check("gait", field, getattr(self, field), 0.0)
-        if self.lower >= 1.0:
-            raise DeclarationError("gait", "bad lower", value=self.lower, allowed="below 1")
+        set_numbers(self, "gait", ("single", "double", "first", "search", "patience"), 0.0, strict=True)
+        set_numbers(self, "gait", ("height",), 0.0)
+        set_numbers(self, "gait", ("lower",), 0.0, below=1.0)
 
     @property
     def numbers(self) -> tuple[float, float, float, float, float, float]:
@@ -74,7 +63,6 @@ class Reach:
     turn: float = 0.4
 
     def __post_init__(self) -> None:
-        for field in ("forward", "least", "most", "turn"):
-            check("reach", field, getattr(self, field), 0.0)
+        set_numbers(self, "reach", ("forward", "least", "most", "turn"), 0.0)
         if self.most < self.least:
             raise DeclarationError("reach", "most below least", value=(self.least, self.most), unit="m")

@@ -13,7 +13,7 @@ from hqp import _session
 from hqp.arrays import Vec
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError
-from hqp.walking.gait import check
+from hqp.numbers import number
 
 GRAVITY = 9.81
 """Gravity of the Earth [m/s^2]."""
@@ -21,8 +21,8 @@ GRAVITY = 9.81
 
 def natural_frequency(height: float, gravity: float = GRAVITY) -> float:
     """omega = sqrt(g / height) [1/s] of a CoM at a height above the ground [m]; raises DeclarationError."""
-    check("pendulum", "height", height, 0.0, strict=True, unit="m")
-    check("pendulum", "gravity", gravity, 0.0, strict=True, unit="m/s^2")
+    height = number("pendulum", "height", height, 0.0, strict=True, unit="m")
+    gravity = number("pendulum", "gravity", gravity, 0.0, strict=True, unit="m/s^2")
     return math.sqrt(gravity / height)
 
 
@@ -52,7 +52,7 @@ class DcmPlan:
     """
 
     def __init__(self, pieces: Sequence[Piece], omega: float) -> None:
-        check("DCM plan", "omega", omega, 0.0, strict=True, unit="1/s")
+        omega = number("DCM plan", "omega", omega, 0.0, strict=True, unit="1/s")
         kept = [p for p in pieces if p.duration > 0.0]
         if not kept:
             raise DeclarationError("DCM plan", "all pieces have zero duration", value=len(pieces))

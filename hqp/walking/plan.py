@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
-from hqp.walking.gait import check
+from hqp.numbers import number
 
 if TYPE_CHECKING:
     from hqp.declare.robot import State
@@ -63,8 +63,8 @@ def predict(walker: Walker, seconds: float, fps: float, remarks: tuple[str, ...]
 
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
     """
-    check("plan", "seconds", seconds, 0.0, strict=True, unit="s")
-    check("plan", "fps", fps, 0.0, strict=True, unit="1/s")
+    seconds = number("plan", "seconds", seconds, 0.0, strict=True, unit="s")
+    fps = number("plan", "fps", fps, 0.0, strict=True, unit="1/s")
     robot, dt = walker.robot, walker.dt
     q, v = walker.start, np.zeros(robot.nv)
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []

@@ -9,7 +9,7 @@ import numpy as np
 from hqp import _session
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
-from hqp.walking.gait import check
+from hqp.numbers import number
 
 RISE, LEAD = _session.Swing.RISE, _session.Swing.LEAD
 """Share of the swing time at the foot's highest point; time before the landing at which it is above its goal [s]."""
@@ -33,10 +33,10 @@ class Swing:
     def __init__(
         self, start: Vec, goal: Vec, duration: float, height: float, *, search: float = 0.1, depth: float = 0.06
     ) -> None:
-        check("swing", "duration", duration, 2.0 * LEAD, strict=True, unit="s")
-        check("swing", "height", height, 0.0, unit="m")
-        check("swing", "search", search, 0.0, unit="m/s")
-        check("swing", "depth", depth, 0.0, unit="m")
+        duration = number("swing", "duration", duration, 2.0 * LEAD, strict=True, unit="s")
+        height = number("swing", "height", height, 0.0, unit="m")
+        search = number("swing", "search", search, 0.0, unit="m/s")
+        depth = number("swing", "depth", depth, 0.0, unit="m")
         first, last = (tuple(_four(what, given).tolist()) for what, given in (("start", start), ("goal", goal)))
         self._path = _session.Swing(first, last, duration, height, search, depth)
         self.search, self.depth = search, depth

@@ -24,12 +24,13 @@ from hqp.estimation.rotations import about_vertical
 from hqp.loop.controller import Controller
 from hqp.loop.file import write
 from hqp.loop.tick import Tick
+from hqp.numbers import number
 from hqp.tasks import JointLimits
 from hqp.torque.joint_friction import JointFriction
 from hqp.torque.program import Torque
 from hqp.walking.feet import feet_of
 from hqp.walking.footsteps import Command, Foothold, Footsteps, routed
-from hqp.walking.gait import Gait, Reach, check
+from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.preview import QUICK, Ability
@@ -93,7 +94,7 @@ class Walker:
         max_age: float | None = None,
     ) -> None:
         if bandwidth != math.inf:
-            check("walker", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
+            bandwidth = number("walker", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
         self.robot, self.gait, self.dt = robot, gait or Gait(), dt
         self._declared: dict[str, Any] = {"gait": gait, "dt": dt, "reach": reach, "laws": laws, "soles": soles}
         self._declared |= {"friction": friction, "limits": limits, "price": price}

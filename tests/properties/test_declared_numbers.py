@@ -1,11 +1,13 @@
-"""Numbers of declarations: every public class refuses NaN, words and lists with NaN when it is declared."""
+"""Numbers of declarations: every public class refuses NaN, words and lists with NaN, and takes any real scalar."""
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 import hqp
@@ -71,3 +73,17 @@ def test_there_are_many() -> None:
 def test_a_value_that_is_no_number_is_refused(kind: Any, name: str, given: dict[str, Any], bad: object) -> None:
     with pytest.raises(HqpError, match=name):
         kind(**{**given, name: bad})
+
+
+@pytest.mark.parametrize("bits", [64, 32, 16, 0], ids=lambda bits: f"{bits} bits" if bits else "array")
+@pytest.mark.parametrize(("kind", "name", "given"), DECLARED, ids=[f"{k.__name__}-{n}" for k, n, _ in DECLARED])
+def test_the_storage_of_a_number_does_not_matter(kind: Any, name: str, given: dict[str, Any], bits: int) -> None:
+    default = given.get(name, inspect.signature(kind).parameters[name].default)
+    value = default if isinstance(default, (int, float)) else 1.0
+    scalar = np.asarray(value, f"{np.asarray(value).dtype.kind}{bits // 8}") if bits else np.asarray(value)
+    plain, other = (kind(**{**given, name: number}) for number in (scalar.item(), scalar[()] if bits else scalar))
+    if dataclasses.is_dataclass(plain):
+        for field in dataclasses.fields(plain):
+            one, two = (getattr(made, field.name) for made in (plain, other))
+            assert one == two
+            assert type(one) is type(two)

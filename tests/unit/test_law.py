@@ -18,7 +18,7 @@ def test_orders_and_defaults() -> None:
 
 @pytest.mark.parametrize("gain", [math.nan, math.inf, -1.0, "2", True, (1.0, math.nan)])
 def test_bad_gains_are_named(gain: object) -> None:
-    with pytest.raises(DeclarationError, match=r"P\.gain.*given.*allowed: finite"):
+    with pytest.raises(DeclarationError, match=r"P\.gain.*given.*allowed: a finite"):
         P(gain)  # type: ignore[arg-type]
     with pytest.raises(DeclarationError, match=r"PD\.kd"):
         PD(1.0, gain)  # type: ignore[arg-type]

@@ -16,12 +16,12 @@ import numpy as np
 from hqp.arrays import Mask, Mat, Vec
 from hqp.commands.manifest import manifest
 from hqp.declare.law import PD, Law
-from hqp.declare.safety import positive
 from hqp.declare.stack import Level, Stack
 from hqp.errors import HqpError
 from hqp.lab.behaviour import behaviour
 from hqp.lab.run import run
 from hqp.lab.trajectory import Trajectory
+from hqp.numbers import number
 from hqp.programs.formulation import Velocity
 from hqp.solvers import load
 from hqp.tasks import CenterOfPressure, FrictionCone, TorqueLimits
@@ -61,7 +61,7 @@ def compare_rivals(
     installed or its robot is another.
     """
     for name, value in (("dt", dt), ("seconds", seconds), ("rounds", rounds)):
-        positive("rivals", name, value)
+        number("rivals", name, value, 0.0, strict=True)
     made = [scene(name, robot, stack) for name in scenes]
     places = {name: environment(name, progress) for name in rivals}
     found: list[Line] = []

@@ -12,13 +12,13 @@ import numpy as np
 from hqp.arrays import Mat
 from hqp.commands.manifest import manifest
 from hqp.declare.law import P
-from hqp.declare.safety import positive
 from hqp.declare.stack import Stack
 from hqp.lab.rivals.compare import answers
 from hqp.lab.rivals.environments import environment
 from hqp.lab.rivals.job import write
 from hqp.lab.rivals.scenes import Scene
 from hqp.loop.session import Controller
+from hqp.numbers import number
 from hqp.programs.formulation import Velocity
 from hqp.teleoperation import Follow
 
@@ -46,8 +46,8 @@ def compare_teleop(
     exponential smoothing of 60 ms.  Raises UnsupportedProblem for a stack without a hand or with elements without a
     counterpart in rivals, HqpError if a rival cannot be installed.
     """
-    positive("teleop", "dt", dt)
-    positive("teleop", "seconds", seconds)
+    dt = number("teleop", "dt", dt, 0.0, strict=True)
+    seconds = number("teleop", "seconds", seconds, 0.0, strict=True)
     made = [family(name, robot, stack) for name in families]
     lines: list[Felt] = []
     progress("hqp")
