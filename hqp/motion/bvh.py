@@ -57,6 +57,7 @@ def read_bvh(path: str | Path) -> Motion:
 
 def _parsed(text: str) -> Motion:
     """The motion of a file's text; raises ValueError with the line."""
+    text = re.sub(r"(?<=\d),(?=\d)", ".", text)  # decimal commas
     parts = re.split(r"^\s*MOTION\s*$", text, maxsplit=1, flags=re.MULTILINE | re.IGNORECASE)
     if len(parts) < 2:
         raise ValueError("no line MOTION")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 
 from hqp.errors import DeclarationError
 
@@ -16,12 +17,12 @@ OPTIONAL = tuple(f"{side}_toe" for side in SIDES)
 """Parts that a motion may lack: estimates of 17 joints end at the ankles."""
 
 NAMES: dict[str, tuple[str, ...]] = {
-    "shoulder": ("arm", "upperarm", "uparm", "humerus", "shldr", "shoulder"),
-    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "radius"),
+    "shoulder": ("arm", "upperarm", "uparm", "uarm", "humerus", "shldr", "shoulder"),
+    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "farm", "larm", "radius"),
     "hand": ("wrist", "hand"),
-    "knee": ("knee", "lowerleg", "lowleg", "shin", "calf", "tibia", "leg"),
+    "knee": ("knee", "lowerleg", "lowleg", "shin", "shank", "calf", "tibia", "leg"),
     "hip": ("hip", "upleg", "upperleg", "thigh", "femur", "leg"),
-    "ankle": ("ankle", "foot"),
+    "ankle": ("ankle", "foot", "talus"),
     "toe": (
         "toebase", "toe", "toes", "bigtoe", "ball", "ballfoot", "foottoe", "footindex", "foot", "toeend", "ankleend",
         "footend",
@@ -31,6 +32,12 @@ NAMES: dict[str, tuple[str, ...]] = {
 and ``LeftShoulder`` is the collar bone, in those that have no ``LeftArm`` it is the shoulder; ``LeftLeg`` begins at the
 hip if there is a ``LeftShin`` (SOMA), else at the knee (LAFAN1)."""
 
+MANNERS = ("bend", "stretch")
+"""Ends of names of the first of several joints along a limb: ``lThighBend``, ``arm_stretch.l``."""
+
+FORMS = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"))
+"""Spellings of both sides in names."""
+
 _KNOWN = "|".join(sorted({name for names in NAMES.values() for name in names}))
 
 
@@ -39,22 +46,42 @@ def plain(name: str) -> tuple[str, str]:
 
     The end of a chain keeps its mark: ``foot.LEnd`` is (left, footend).
     """
-    name = name.strip().rsplit(":", 1)[-1]
-    name = re.sub(r"^(bip\d*|mixamorig\d*|character\d*|skeleton)[ _.]+", "", name, flags=re.IGNORECASE)
-    name = re.sub(r"[ _.]\d+$", "", name)
+    name = re.sub(r"[ _.]\d+$", "", name.strip().rsplit(":", 1)[-1])
     end = "end" if name.endswith("End") else ""
     name = name.removesuffix("End").rstrip(" _.")
     for side in SIDES:
         letter = side[0]
         patterns = (
             rf"(?i:^{side})(.*)$", rf"(?i:^{letter}[ _.-])(.*)$", rf"^{letter}(?=[A-Z])(.*)$",
-            rf"^{letter.upper()}(?=[A-Z][a-z])(.*)$", rf"(.*)(?i:[ _.-]{side})$", rf"(.*)(?i:[ _.-]{letter})$",
-            rf"(.*)(?:{side.title()})$", rf"(?i:^{letter}({_KNOWN})$)",
+            rf"^{letter.upper()}(?=[A-Z][a-z])(.*)$", rf"(.*)(?i:[ _.(-]{side})$", rf"(.*)(?i:[ _.(-]{letter})$",
+            rf"(.*)(?:{side.title()})$", rf"(.*[a-z0-9]){letter.upper()}$", rf"(?i:^{letter}({_KNOWN})$)",
         )  # fmt: skip
         for pattern in patterns:
             if found := re.match(pattern, name):
-                return side, re.sub(r"[^a-z]", "", found[1].lower()) + end
+                rest = re.sub(r"[^a-z]", "", found[1].lower())
+                return side, re.sub(f"({'|'.join(MANNERS)})$", "", rest) + end
     return "", re.sub(r"[^a-z]", "", name.lower()) + end
+
+
+def bare(names: Sequence[str]) -> list[str]:
+    """Names without the beginning and the end that all joints with a counterpart on the other side share:
+    ``DEF-thigh.L`` and ``J_Bip_L_Hand`` have one.
+    """
+    paired, known = [], set(names)
+    for name in names:
+        for own, other in (form[::way] for form in FORMS for way in (1, -1)):
+            for side in re.finditer(own, name):
+                before, after = name[: side.start()], name[side.end() :]
+                if before + other + after in known:
+                    paired += [name, before + after]
+    first, last = _begin(paired), _begin([name[::-1] for name in paired])[::-1]
+    return [name.removeprefix(first).removesuffix(last) for name in names]
+
+
+def _begin(names: Sequence[str]) -> str:
+    """The letters with which all names begin."""
+    least, most = min(names, default=""), max(names, default="")
+    return least[: sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(least, most, strict=False)))]
 
 
 def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -70,8 +97,8 @@ def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> di
         if name not in names:
             raise DeclarationError("human", f"the motion has no joint for {part}", value=name, allowed=", ".join(names))
     sided: dict[tuple[str, str], str] = {}
-    for name in names:
-        sided.setdefault(plain(name), name)
+    for name, own in zip(names, bare(names), strict=True):
+        sided.setdefault(plain(own), name)
     found = dict(given)
     for side in SIDES:
         for limb in LIMBS:

@@ -25,6 +25,15 @@ SCHEMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "smplx": ("{side}_{}", ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")),
     "asf": ("{s}{}", ("femur", "tibia", "foot", "toes", "humerus", "radius", "wrist")),
     "estimate": ("{S}{}", ("Hip", "Knee", "Foot", "", "Shoulder", "Elbow", "Wrist")),
+    "rigify": ("DEF-{}.{S}", ("thigh", "shin", "foot", "toe", "upper_arm", "forearm", "hand")),
+    "daz": ("{s}{}", ("ThighBend", "Shin", "Foot", "Toe", "ShldrBend", "ForearmBend", "Hand")),
+    "motive": ("Ann_{S}{}", ("Thigh", "Shin", "Foot", "Toe", "UArm", "FArm", "Hand")),
+    "joined": ("mixamorig{Side}{}", SIDED),
+    "vrm": ("J_Bip_{S}_{}", ("UpperLeg", "LowerLeg", "Foot", "ToeBase", "UpperArm", "LowerArm", "Hand")),
+    "rigged": ("{s}_{}_JNT", ("upLeg", "lowLeg", "foot", "toe", "upArm", "lowArm", "hand")),
+    "last": ("{}{S}", ("Thigh", "Shank", "Foot", "Toe", "UpperArm", "LowerArm", "Hand")),
+    "brackets": ("{} ({Side})", ("Upper Leg", "Lower Leg", "Foot", "Toe", "Upper Arm", "Lower Arm", "Hand")),
+    "worlds": ("m{}{Side}", ("Hip", "Knee", "Ankle", "Toe", "Shoulder", "Elbow", "Wrist")),
     "estimate_": ("{side}_{}", ("hip", "knee", "ankle", "", "shoulder", "elbow", "wrist")),
 }
 """By scheme: pattern of a joint's name with its side, and the names; joints with an empty name are not recorded."""

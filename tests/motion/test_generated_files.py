@@ -108,13 +108,15 @@ def test_damaged_files_end_in_one_sentence(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_spellings_of_a_file(tmp_path: Path, seed: int) -> None:
-    """Any ends of lines, encodings, cases and spaces about the keywords of the motion."""
+    """Any ends of lines, encodings, decimal marks, cases and spaces about the keywords of the motion."""
     rng = np.random.default_rng(seed)
     path = write_turning_bvh(tmp_path / "clip.bvh", stand(0.1), rng)
     text, whole = path.read_text(), read_motion(path)
     for word in ("MOTION", "Frames:", "Frame Time:"):
         other = [word.upper(), word.lower(), word.replace(":", " :"), f"  {word}\t"][rng.integers(4)]
         text = text.replace(f"\n{word}", f"\n{other}")
+    if rng.integers(2):
+        text = text.replace(".", ",")
     text = text.replace("\n", str(rng.choice(["\n", "\r\n", "\r", "\n\n"])))
     path.write_bytes(text.encode(str(rng.choice(["utf-8", "utf-8-sig", "utf-16"]))))
     read = read_motion(path)
