@@ -18,8 +18,13 @@ NEAR = 1e-3
 """Height above the lowest shapes of its link below which a frame belongs to the sole [m]."""
 
 
+OFF_AXIS = 0.025
+"""Distance from the axis of a joint below which a place is on it [m]."""
+
+
 def suggest_map(robot: Robot) -> SkeletonMap:
-    """Names of frames for every part, to be looked over: knees and elbows are the joints half way along a limb.
+    """Names of frames for every part, to be looked over: knees and elbows are the joints half way along a limb, hands
+    the far ends of forearms without a wrist.
 
     Feet and hands are the robot's landmarks ``soles`` and ``palms``, or the links with the lowest collision shapes, and
     the other ends of the tree that are furthest to either side.  A sole's point is in the middle of its link's lowest
@@ -37,19 +42,22 @@ def suggest_map(robot: Robot) -> SkeletonMap:
     shared = [body for body in arms[0] if body in arms[1]]
     torso = shared[-1] if shared else legs[0][0]
     frames = {"pelvis": tree.frame(legs[0][0]), "torso": tree.frame(torso)}
+    offsets: dict[str, Offset] = {}
     for side, foot, hand, leg, arm in zip(SIDES, feet, hands, legs, arms, strict=True):
         own = leg[1:]
-        knee = tree.half_way(own, foot)
+        knee = tree.half_way(own, tree.place(foot))
         hip = tree.first_beside(own[: own.index(knee)] or own[:1], knee)
         frames |= {f"{side}_hip": tree.frame(hip), f"{side}_knee": tree.frame(knee)}
         frames |= {f"{side}_ankle": tree.frame(own[-1]), f"{side}_sole": foot}
         own = [body for body in arm if body not in shared]
         if len(own) < 2:
             raise DeclarationError("suggest-map", f"no {side} arm", value=hand)
-        elbow = tree.half_way(own, hand)
-        shoulder = tree.widest(own[: own.index(elbow)] or own[:1])
+        elbow, reach = tree.half_way(own, tree.place(hand)), tree.far_end(own[-1])
+        if tree.half_way(own, reach) == own[-1]:
+            elbow, offsets[f"{side}_hand"] = own[-1], tree.offset(hand, reach)
+        shoulder = tree.first_apart(own[: own.index(elbow) + 1], hand)
         frames |= {f"{side}_shoulder": tree.frame(shoulder), f"{side}_elbow": tree.frame(elbow), f"{side}_hand": hand}
-    offsets = {f"{side}_sole": offset for side, foot in zip(SIDES, feet, strict=True) if (offset := _sole(robot, foot))}
+    offsets |= {f"{side}_sole": at for side, foot in zip(SIDES, feet, strict=True) if (at := _sole(robot, foot))}
     return SkeletonMap(frames, offsets)
 
 
@@ -87,13 +95,13 @@ class _Tree:
         for name in robot.frame_names:
             self._frames.setdefault(robot.body(robot.frame(name)), []).append(name)
 
-    def _place(self, frame: str) -> Vec:
+    def place(self, frame: str) -> Vec:
         """Origin of a frame in the axes ahead, left, up ``(3,)`` [m]."""
         return np.asarray(self._state.position(frame) @ self._axes)
 
     def frame(self, body: int) -> str:
         """A frame at the joint that carries a body, a link rather than the joint's own name."""
-        at = [n for n in self._frames[body] if np.allclose(self._place(n), self._places[body], atol=1e-6)]
+        at = [n for n in self._frames[body] if np.allclose(self.place(n), self._places[body], atol=1e-6)]
         links = [n for n in at if "link" in n.lower()] or [n for n in at if "joint" not in n.lower()]
         return (links or at or self._frames[body])[-1]
 
@@ -121,13 +129,29 @@ class _Tree:
 
     def sided(self, frames: tuple[str, ...]) -> tuple[str, ...]:
         """Left first."""
-        return tuple(sorted(frames, key=lambda name: -float(self._place(name)[1])))
+        return tuple(sorted(frames, key=lambda name: -float(self.place(name)[1])))
 
-    def half_way(self, bodies: list[int], end: str) -> int:
-        """The body whose joint is nearest to the middle of a limb, along it; neither its first nor its last."""
-        stops = [*(self._places[b] for b in bodies), self._place(end)]
+    def far_end(self, body: int) -> Vec:
+        """The end of its link's capsules farthest from a body's joint, the joint without shapes ``(3,)`` [m]."""
+        place, rotation = self._robot.bodies[body][5]
+        try:
+            own = [c for c in self._robot.capsules if c.body == body]
+        except ModelError:
+            own = []
+        ends = [np.zeros(3), *(np.array(end) for capsule in own for end in (capsule.a, capsule.b))]
+        return np.asarray((place + rotation @ max(ends, key=np.linalg.norm)) @ self._axes)
+
+    def offset(self, frame: str, place: Vec) -> Offset:
+        """A place in a frame's axes ``(3,)`` [m]."""
+        way = self._axes @ (place - self.place(frame))
+        x, y, z = (self._state.rotation(frame).T @ way).tolist()
+        return round(x, 6), round(y, 6), round(z, 6)
+
+    def half_way(self, bodies: list[int], end: Vec) -> int:
+        """The body whose joint is nearest to the middle of a limb that ends at a place, along it; not its first."""
+        stops = [*(self._places[b] for b in bodies), end]
         way = np.concatenate(([0.0], np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(stops)])))
-        inner = range(1, max(2, len(bodies) - 1))
+        inner = range(1, len(bodies))
         return bodies[min(inner, key=lambda k: abs(float(way[k]) - 0.5 * float(way[-1])))]
 
     def first_beside(self, bodies: list[int], knee: int) -> int:
@@ -135,7 +159,27 @@ class _Tree:
         side = abs(float(self._places[knee][1]))
         return next((b for b in bodies if abs(float(self._places[b][1])) > side - 0.02), bodies[-1])
 
-    def widest(self, bodies: list[int]) -> int:
-        """The first body about as far to the side as any."""
-        sides = [abs(float(self._places[b][1])) for b in bodies]
-        return next(b for b, side in zip(bodies, sides, strict=True) if side > 0.85 * max(sides))
+    def first_apart(self, bodies: list[int], end: str) -> int:
+        """The first body that no joint up to the last body brings nearer to it.  end: a frame behind them.
+
+        A joint leaves the distance between two places if one of them is on its axis.
+        """
+        place, jacobian = self._state.position(end), self._state.jacobian(end)
+        last = self._axes @ self._places[bodies[-1]]
+
+        def moves(body: int, joint: int) -> float:
+            """Largest change of the distance between a body and the last one by a joint [m/rad]."""
+            columns = jacobian[:, slice(*self._columns(joint))]
+            ends = (self._axes @ self._places[body], last)
+            speeds = (columns[:3] + np.cross(columns[3:], x - place, axisa=0, axisc=0) for x in ends)
+            return min(float(np.linalg.norm(speed, axis=0).max()) for speed in speeds)
+
+        for k, body in enumerate(bodies[:-1]):
+            if all(moves(body, joint) < OFF_AXIS for joint in bodies[k + 1 : -1]):
+                return body
+        return bodies[0]
+
+    def _columns(self, body: int) -> tuple[int, int]:
+        """First and end of the columns of a body's joint."""
+        joint = self._robot.model.joints[body]
+        return joint.idx_v, joint.idx_v + joint.nv

@@ -29,8 +29,8 @@ TURNS = {
 """Rotations of the feet's bodies, wxyz; their shapes stay level."""
 
 
-def _humanoid(path: Path, turn: str, drop: float) -> Path:
-    """Two legs of six joints and two arms of four; the soles are a box or four balls, ``drop`` below the ankles."""
+def _humanoid(path: Path, turn: str, drop: float, arms: tuple[str, str] = ("", "")) -> Path:
+    """Two legs of six joints and two arms of four if none are given; the soles are boxes ``drop`` below the ankles."""
     w, x, y, z = (float(word) for word in turn.split())
     back = f"{w} {-x} {-y} {-z}"
 
@@ -67,9 +67,34 @@ def _humanoid(path: Path, turn: str, drop: float) -> Path:
         '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
         f'<body name="trunk" pos="0 0 {0.70 + drop}"><freejoint/>'
         '<geom type="box" pos="0 0 .22" size=".08 .1 .18" mass="14"/>'
-        f"{leg('left', 0.1)}{leg('right', -0.1)}{arm('left', 0.2)}{arm('right', -0.2)}</body></worldbody></mujoco>"
+        f"{leg('left', 0.1)}{leg('right', -0.1)}"
+        f"{arms[0] or arm('left', 0.2)}{arms[1] or arm('right', -0.2)}</body></worldbody></mujoco>"
     )
     return path
+
+
+def _arm(side: str, rng: np.random.Generator, *, hangs: bool, wrist: bool) -> str:
+    """An arm that hangs or points aside: pitch and roll of the shoulder, a turn of the upper arm, elbow, and a wrist or
+    a forearm whose link has no joint behind the elbow.
+    """
+    sign = 1.0 if side == "left" else -1.0
+    way = np.array([0.0, 0.0, -1.0] if hangs else [0.0, sign, 0.0])
+    upper, fore, out = rng.uniform(0.15, 0.3), rng.uniform(0.15, 0.3), sign * rng.uniform(0.03, 0.08)
+    turns, bends = f"{way[0]} {way[1]} {way[2]}", "0 1 0" if hangs else "0 0 1"
+
+    def link(name: str, place: Any, axis: str, reach: float, inner: str = "") -> str:
+        x, y, z = (0.8 * reach * way).tolist()
+        return (
+            f'<body name="{side}_{name}" pos="{" ".join(map(str, place))}"><joint name="{side}_{name}_joint" '
+            f'axis="{axis}" range="-1 1"/><geom type="capsule" fromto="0 0 0 {x} {y} {z}" size=".02" mass=".3"/>'
+            f"{inner}</body>"
+        )
+
+    hand = link("hand", fore * way, bends, 0.12) if wrist else ""
+    turned = rng.uniform(0.2, 0.6) * upper
+    lower = link("forearm", (upper - turned) * way, bends, fore, hand)
+    roll = link("roll", (0.0, out, 0.0), "1 0 0", turned, link("turn", turned * way, turns, upper - turned, lower))
+    return link("pitch", (0.0, 0.2 * sign, 0.42), "0 1 0", 0.03, roll)
 
 
 def _turned(quat: str, vector: tuple[float, ...]) -> str:
@@ -107,6 +132,22 @@ def test_soles_are_at_the_lowest_shapes(tmp_path: Path, turn: str, drop: float) 
         assert [round(x, 6) for x in found.offsets[f"{side}_sole"]] == [
             *found.offsets[f"{side}_sole"]
         ]  # um in its file
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_arms_with_and_without_wrists(tmp_path: Path, seed: int) -> None:
+    rng, hangs, wrist = np.random.default_rng(seed), seed % 2 == 0, seed % 4 < 2
+    left, right = (_arm(side, np.random.default_rng(seed), hangs=hangs, wrist=wrist) for side in ("left", "right"))
+    robot = hqp.robots.load(_humanoid(tmp_path / "somebody.xml", TURNS["up"], rng.uniform(0.03, 0.08), (left, right)))
+    found = suggest_map(robot)
+    body = Body.of(robot, found)
+    for side in ("left", "right"):
+        links = [found.frames[f"{side}_{part}"] for part in ("shoulder", "elbow", "hand")]
+        assert links == [f"{side}_{link}" for link in ("roll", "forearm", "hand" if wrist else "forearm")]
+        rng = np.random.default_rng(seed)
+        upper, fore = rng.uniform(0.15, 0.3), rng.uniform(0.15, 0.3)
+        assert body.length("shoulder", "elbow") == pytest.approx(upper, abs=1e-3)
+        assert body.length("elbow", "hand") == pytest.approx(fore if wrist else 0.8 * fore, abs=1e-2)
 
 
 @pytest.mark.slow
