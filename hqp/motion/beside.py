@@ -1,4 +1,4 @@
-"""Legs side by side: outlines of soles and shanks from above that do not overlap."""
+"""Legs side by side: sections of soles and shanks at one height that do not overlap from above."""
 
 from __future__ import annotations
 
@@ -7,12 +7,37 @@ from typing import NamedTuple
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.tasks.support_polygon import hull
 
 ROUNDS = 8
 """Largest number of rounds in which places of feet, or a path, are moved apart."""
 
 NEAR = 1e-4
 """Overlap that is left [m]."""
+
+
+class Leg(NamedTuple):
+    """Outline of a sole ``(m, 2)``, from there to the ankle ``(3,)``, outline of the shank ``(k, 2)``, in axes x ahead,
+    z up at the sole's point, and height below which the foot is beside another [m].
+    """
+
+    sole: Mat
+    ankle: Vec
+    shank: Mat
+    top: float
+
+    def section(self, R: Mat, shin: Vec, height: float) -> Mat:
+        """Outline about its place of a leg at a height above it, from above ``(m, 2)``: none above the knee.
+
+        R ``(3, 3)``: axes of the sole.  shin ``(3,)``: from the ankle to the knee.
+        """
+        ankle = R @ self.ankle
+        up = max(height - ankle[2], 0.0)
+        points = [self.sole @ R[:2, :2].T] if height < self.top else []
+        if up <= max(shin[2], 0.0):
+            points.append(self.shank + (ankle + up / max(shin[2], 1e-9) * shin)[:2])
+        around = np.vstack([np.zeros((0, 2)), *points])
+        return around[hull(around)] if points else around
 
 
 class Pair(NamedTuple):
@@ -40,8 +65,10 @@ def part(places: tuple[Mat, Mat], pairs: list[Pair]) -> None:
 def overlap(one: Mat, other: Mat, way: Vec) -> float:
     """Least shift of a convex outline ``(m, 2)`` along a way ``(2,)`` after which it does not overlap another [m].
 
-    Both counter-clockwise.  0 if no shift along the way parts them.
+    Both counter-clockwise.  0 if no shift along the way parts them, or without corners.
     """
+    if not len(one) or not len(other):
+        return 0.0
     gaps, slopes = [], []
     for fixed, moved, sign in ((other, one, 1.0), (one, other, -1.0)):
         along = np.roll(fixed, -1, axis=0) - fixed
@@ -55,22 +82,17 @@ def overlap(one: Mat, other: Mat, way: Vec) -> float:
     return float((-gap[apart] / slope[apart]).min()) if apart.any() else 0.0
 
 
-def seen(outline: Mat, place: Vec, R: Mat) -> Mat:
-    """An outline ``(m, 2)`` of a sole at a place, with axes R ``(3, 3)``, from above ``(m, 2)`` [m]."""
-    return np.asarray(place[:2] + outline @ R[:2, :2].T)
+def aside(path: Mat, outlines: list[Mat], others: list[Mat], ways: Mat) -> Mat:
+    """A path between two stances ``(n, 3)``, moved aside so that its outlines pass by those of the other leg.
 
-
-def aside(place: Mat, R: Mat, outline: Mat, others: list[Mat], ways: Mat) -> Mat:
-    """A path between two stances ``(n, 3)``, moved aside so that its outline passes by those of the other leg.
-
-    R ``(n, 3, 3)``: its axes, x ahead, z up.  others: outlines of the other leg, frame by frame.  ways ``(n, 2)``: away
-    from it.  The shift is 0 and at rest at both ends, and largest half way.
+    outlines: of the leg about its place, frame by frame.  others: of the other leg.  ways ``(n, 2)``: away from it.
+    The shift is 0 and at rest at both ends, and largest half way.
     """
-    s = (np.arange(len(place)) + 1.0) / (len(place) + 1.0)
-    share, path = 16.0 * (s * (1.0 - s)) ** 2, place.copy()
+    s = (np.arange(len(path)) + 1.0) / (len(path) + 1.0)
+    share, path = 16.0 * (s * (1.0 - s)) ** 2, path.copy()
     for _ in range(ROUNDS):
-        each = zip(path, R, others, ways, strict=True)
-        lacks = np.array([overlap(seen(outline, p, axes), other, way) for p, axes, other, way in each])
+        each = zip(path, outlines, others, ways, strict=True)
+        lacks = np.array([overlap(p[:2] + one, other, way) for p, one, other, way in each])
         k = int((lacks * share).argmax())
         if lacks[k] * share[k] < NEAR:
             break

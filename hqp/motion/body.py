@@ -12,6 +12,7 @@ from hqp.errors import DeclarationError, ModelError
 from hqp.tasks.distances import of_axes
 from hqp.tasks.support_polygon import hull
 
+from .beside import Leg
 from .joints import SIDES
 from .skeleton_map import SkeletonMap
 
@@ -27,7 +28,7 @@ class Body:
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
     ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
     corners: corners of the rectangle around each sole, in the same axes ``(4, 3)``.  soles: corners of the sole itself,
-    counter-clockwise ``(m, 3)``.  legs: outline of each sole and of the shank above it, from above ``(m, 2)``.
+    counter-clockwise ``(m, 3)``.  legs: soles, ankles and shanks of both legs, seen from above.
     thickness: least height of each hand whose capsules are above the floor [m].
     """
 
@@ -39,7 +40,7 @@ class Body:
     heels: dict[str, Vec]
     corners: dict[str, Mat]
     soles: dict[str, Mat]
-    legs: dict[str, Mat]
+    legs: dict[str, Leg]
     thickness: dict[str, float]
 
     @staticmethod
@@ -68,8 +69,8 @@ class Body:
             low, high = outline.min(axis=0), outline.max(axis=0)
             soles[side] = np.column_stack((outline, np.zeros(len(outline))))
             toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
-            points = np.vstack((outline, _shank(robot, found.frames[f"{side}_knee"]) - levers[side][:2]))
-            legs[side] = points[hull(points)]
+            shank, top = _shank(robot, found.frames[f"{side}_knee"]), _top(robot, found, side, axes[sole])
+            legs[side] = Leg(outline, -levers[side], shank, max(top, -float(levers[side][2])))
             corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         middle = axes["pelvis"].T @ (hips - places["pelvis"])
         hands = {side: ahead @ places[f"{side}_hand"] for side in SIDES}
@@ -118,6 +119,20 @@ def _shank(robot: Robot, frame: str) -> Mat:
     except ModelError:
         radius = 0.0
     return radius * np.column_stack((np.cos(turn), np.sin(turn)))
+
+
+def _top(robot: Robot, found: SkeletonMap, side: str, axes: Mat) -> float:
+    """Height of the shapes of a foot's link above its sole, whose frame has axes ``(3, 3)``, 0 without shapes [m]."""
+    from hqp.robots.soles import swept
+
+    frame, offset = found.frames[f"{side}_sole"], np.array(found.offset(f"{side}_sole"))
+    state = robot.state(robot.home)
+    state.kinematics()
+    place, turn = robot.bodies[robot.body(robot.frame(frame))][5]
+    own, at = state.rotation(frame), state.position(frame)
+    up = axes[2] @ own.T  # of the world, with the sole level
+    heights = (((place + corners @ turn.T - at) @ up).max() + radius for corners, radius in swept(robot, frame))
+    return max((0.0, *(float(height - axes[2] @ offset) for height in heights)))
 
 
 def _facing(robot: Robot, soles: list[str]) -> Mat:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 
-from .beside import Pair, aside, part, seen
+from .beside import Pair, aside, part
 from .body import Body
 from .clip import EDGE, accelerated, moving, unit
 from .contacts import BESIDE, LEVEL, Contacts, Mask, runs, smooth
@@ -163,7 +163,7 @@ def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
     """Place feet as the schedule has them: flat or on the toe at one place while they stand, clear of the ground else.
 
     A foot in the air keeps the person's motion, shifted to the places before and after.  Stances are moved apart, and
-    swings aside, until outlines of soles and shanks do not overlap from above: robots' legs are thicker.
+    swings aside, until soles and shanks do not overlap at the height of the higher foot: robots' legs are thicker.
     """
     places, axes, edge = dict(targets.places), dict(targets.axes), {}
     resting, ground = dict(targets.contacts.resting), dict(targets.contacts.ground)
@@ -178,12 +178,14 @@ def grounded(targets: Targets, body: Body, schedule: Schedule) -> Targets:
         places[sole], axes[sole], ground[name] = foot.placed()
         edge[side], resting[name] = foot.toes.astype(np.int8), foot.mask
     upright = {side: axes[f"{side}_sole"] @ body.axes[f"{side}_sole"].T for side in SIDES}
-    for side, other, foot, sign in zip(SIDES, SIDES[::-1], feet, (1.0, -1.0), strict=True):
-        path, beside = places[f"{side}_sole"], places[f"{other}_sole"]
-        for first, last in foot.swings:
-            here, legs = slice(first, last), body.legs[other]
-            around = [seen(legs, p, R) for p, R in zip(beside[here], upright[other][here], strict=True)]
-            path[here] = aside(path[here], upright[side][here], body.legs[side], around, sign * ways[here])
+    for side, other, foot, still, sign in ((*SIDES, left, right, 1.0), (*SIDES[::-1], right, left, -1.0)):
+        for here in (slice(*swing) for swing in foot.swings):
+            path, beside = (places[f"{one}_sole"][here] for one in (side, other))
+            level = np.maximum(path[:, 2], beside[:, 2]) - CLEAR
+            own = foot.sections(here, upright[side][here], level - path[:, 2])
+            around = still.sections(here, upright[other][here], level - beside[:, 2])
+            around = [outline + place[:2] for outline, place in zip(around, beside, strict=True)]
+            path[:] = aside(path, own, around, sign * ways[here])
     return replace(targets, places=places, axes=axes, edge=edge, contacts=Contacts(resting, ground))
 
 
@@ -194,12 +196,15 @@ def _lateral(targets: Targets, body: Body) -> Mat:
 
 def _pairs(left: _Foot, right: _Foot, ways: Mat) -> list[Pair]:
     """Stances of both feet that share time."""
-    return [
-        Pair(i, j, left.outline(i), right.outline(j), unit(ways[max(a, c) : min(b, d)].mean(axis=0)))
-        for i, (a, b) in enumerate(left.stances)
-        for j, (c, d) in enumerate(right.stances)
-        if max(a, c) < min(b, d)
-    ]
+    found = []
+    for i, (a, b) in enumerate(left.stances):
+        for j, (c, d) in enumerate(right.stances):
+            here = slice(max(a, c), min(b, d))
+            if here.start < here.stop:
+                level = max(left.spots[i, 2], right.spots[j, 2]) - CLEAR
+                outlines = left.outline(i, here, level), right.outline(j, here, level)
+                found.append(Pair(i, j, *outlines, unit(ways[here].mean(axis=0))))
+    return found
 
 
 def levelled(spots: Mat, leg: float) -> Vec:
@@ -225,9 +230,10 @@ class _Foot:
 
     def __init__(self, targets: Targets, body: Body, side: str, schedule: Schedule, k: int) -> None:
         self.mask, self._beside, self.toes = schedule.stands[:, k], schedule.stands[:, 1 - k], schedule.toes[:, k]
-        self._home, self._fps, self._outline = body.axes[f"{side}_sole"], targets.fps, body.legs[side]
+        self._home, self._fps, self._leg = body.axes[f"{side}_sole"], targets.fps, body.legs[side]
         rest, ground = targets.contacts.resting[f"{side}_foot"], targets.contacts.ground[f"{side}_foot"]
         R = targets.axes[f"{side}_sole"] @ self._home.T
+        self._shins = targets.places[f"{side}_knee"] - targets.places[f"{side}_sole"] - R @ self._leg.ankle
         self._yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
         tilt = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
         self._tilt = (1.0 - smooth(self.mask & ~self.toes, targets.fps, FLATTENS)) * tilt
@@ -247,10 +253,15 @@ class _Foot:
         """First and end of every swing between two stances."""
         return [(first, last) for first, last in runs(~self.mask) if first > 0 and last < len(self.mask)]
 
-    def outline(self, stance: int) -> Mat:
-        """Outline of the leg in a stance about its spot, from above ``(m, 2)`` [m]."""
+    def outline(self, stance: int, here: slice, level: float) -> Mat:
+        """Outline about its spot of the leg in a stance, at a height and in some frames, from above ``(m, 2)`` [m]."""
         yaw, flat = np.array([self._headings[stance]]), np.zeros(1)
-        return seen(self._outline, np.zeros(2), turned(yaw, flat)[0])
+        shin = np.median(self._shins[here], axis=0)
+        return self._leg.section(turned(yaw, flat)[0], shin, level - self.spots[stance, 2])
+
+    def sections(self, here: slice, R: Mat, heights: Vec) -> list[Mat]:
+        """Outlines about its place of the leg in some frames, at heights above its sole, from above ``(m, 2)`` [m]."""
+        return [self._leg.section(*each) for each in zip(R, self._shins[here], heights, strict=True)]
 
     def placed(self) -> tuple[Mat, Mat, Vec]:
         """Places ``(T, 3)`` and axes ``(T, 3, 3)`` of the sole at its spots, and the height under it ``(T,)``."""

@@ -1,7 +1,8 @@
-"""Legs of a planned motion pass by each other: outlines from above that do not overlap, judged by linear programs."""
+"""Legs of a planned motion pass by each other: sections at one height do not overlap, judged by linear programs."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,13 @@ from scipy.optimize import linprog
 import hqp
 from hqp.arrays import Mat, Vec
 from hqp.motion import Motion
-from hqp.motion.beside import Pair, aside, overlap, part
+from hqp.motion.beside import Leg, Pair, aside, overlap, part
 from hqp.motion.body import Body
-from hqp.motion.contacts import runs
+from hqp.motion.contacts import Contacts, runs
 from hqp.motion.joints import SIDES, parts_of
-from hqp.motion.schedule import grounded, schedule_of
+from hqp.motion.schedule import CLEAR, grounded, schedule_of
 from hqp.motion.skeleton_map import find_map
-from hqp.motion.targets import targets_of
+from hqp.motion.targets import Targets, targets_of
 from hqp.tasks.support_polygon import hull
 
 from .people import walk
@@ -31,6 +32,8 @@ def _outline(rng: np.random.Generator) -> Mat:
 def _meet(one: Mat, other: Mat) -> bool:
     """True if a point lies in both hulls: shares of the corners of each, by a linear program."""
     n, m = len(one), len(other)
+    if not n or not m:
+        return False
     sums: Any = np.vstack((np.hstack((one.T, -other.T)), np.repeat([[1.0, 0.0], [0.0, 1.0]], [n, m], axis=1)))
     return bool(linprog(np.zeros(n + m), A_eq=sums, b_eq=[0.0, 0.0, 1.0, 1.0]).status == 0)
 
@@ -75,19 +78,21 @@ def test_a_swing_passes_by_the_other_leg(seed: int) -> None:
     R = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     outline = np.array([[-0.1, -0.04], [0.1, -0.04], [0.1, 0.04], [-0.1, 0.04]])
     path = np.column_stack((np.linspace(-0.5, 0.5, n), rng.uniform(-0.05, 0.05) + np.zeros(n), np.zeros(n))) @ R.T
-    axes, ways = np.repeat(R[None], n, axis=0), np.repeat([R[:2, 1]], n, axis=0)
+    ways = np.repeat([R[:2, 1]], n, axis=0)
     c, s = np.cos(turn), np.sin(turn)
     other = outline @ np.array([[c, s], [-s, c]]) @ R[:2, :2].T
-    found = aside(path, axes, outline, [other] * n, ways)
+    found = aside(path, [outline @ R[:2, :2].T] * n, [other] * n, ways)
     assert any(_meet(p[:2] + outline @ R[:2, :2].T, other) for p in path)
     assert not any(_meet(p[:2] + (outline * 0.99) @ R[:2, :2].T, other) for p in found)
     moved = np.linalg.norm(found - path, axis=1)
     assert moved[[0, -1]].max() < 16.0 / n**2 * moved.max()
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_legs_of_a_narrow_walk_do_not_meet(seed: int) -> None:
-    """A person whose feet tread on one line, or across it, in any direction, between the first and the last stances."""
+@pytest.mark.parametrize("seed", range(6))
+def test_legs_keep_apart_at_the_height_of_the_higher_foot(seed: int) -> None:
+    """A person whose feet tread on one line, or across it, in any direction; the left ones on ground as high as drawn:
+    level, above the other foot, or above the other knee.
+    """
     rng, robot = np.random.default_rng(seed), hqp.robots.load("g1")
     found, motion = find_map(None, robot), walk(2.5, rng.uniform(0.4, 0.9), fps=120.0)
     angle, narrow = rng.uniform(-np.pi, np.pi), rng.uniform(-0.1, 0.4)
@@ -97,20 +102,46 @@ def test_legs_of_a_narrow_walk_do_not_meet(seed: int) -> None:
     turn = np.array([[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     body = Body.of(robot, found)
     motion = Motion(motion.names, places @ turn, motion.fps, motion.parents)
-    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    knee = body.length("knee", "ankle") + body.legs["left"].ankle[2]
+    rise = (0.0, rng.uniform(0.3, 0.7) * knee, rng.uniform(1.2, 1.6) * knee)[seed % 3]
+    targets = _raised(targets_of(motion, parts_of(motion.names, found.human), body), rise)
     schedule = schedule_of(targets, body)
     stances = [runs(stands) for stands in schedule.stands.T]
     whole = range(max(each[0][0] for each in stances), min(each[-1][1] for each in stances), 4)
     after = grounded(targets, body, schedule)
-    met = [sum(_meet(*_legs(each, body, i)) for i in whole) for each in (targets, after)]
-    assert met[0] > 10
+    met = [sum(_meet(*_legs(each, targets, body, i)) for i in whole) for each in (targets, after)]
+    assert (met[0] > 10) == (rise < knee)
     assert met[1] == 0
+    thin = {side: Leg(*(np.zeros_like(x) for x in leg[:3]), 0.0) for side, leg in body.legs.items()}
+    apart = grounded(targets, replace(body, legs=thin), schedule).places
+    moved = max(float(np.abs(after.places[f"{side}_sole"] - apart[f"{side}_sole"]).max()) for side in SIDES)
+    assert (moved > 0.01) == (rise < knee)
 
 
-def _legs(targets: Any, body: Body, i: int) -> list[Mat]:
-    """Outlines of both legs from above, a little smaller, in a frame."""
-    found = []
+def _raised(targets: Targets, rise: float) -> Targets:
+    """Targets whose left foot is so much higher [m]."""
+    places, ground = dict(targets.places), dict(targets.contacts.ground)
+    for name in ("left_sole", "left_knee"):
+        places[name] = places[name] + [0.0, 0.0, rise]
+    ground["left_foot"] = np.full(len(targets), rise)
+    return replace(targets, places=places, contacts=Contacts(targets.contacts.resting, ground))
+
+
+def _legs(targets: Targets, person: Targets, body: Body, i: int) -> list[Mat]:
+    """Outlines of both legs from above in a frame, a little smaller, where the higher foot begins; soles are
+    ``CLEAR`` higher, shanks point to the person's knees.
+    """
+    found, level = [], max(float(targets.places[f"{side}_sole"][i, 2]) for side in SIDES)
     for side in SIDES:
-        R = targets.axes[f"{side}_sole"][i] @ body.axes[f"{side}_sole"].T
-        found.append(targets.places[f"{side}_sole"][i, :2] + 0.98 * body.legs[side] @ R[:2, :2].T)
+        name, leg, other = f"{side}_sole", body.legs[side], np.zeros((0, 2))
+        R, own = (each.axes[name][i] @ body.axes[name].T for each in (targets, person))
+        ankle = targets.places[name][i] + R @ leg.ankle
+        shin = person.places[f"{side}_knee"][i] - person.places[name][i] - own @ leg.ankle
+        up = level - CLEAR - ankle[2]
+        if level - CLEAR - targets.places[name][i, 2] < leg.top:
+            other = targets.places[name][i, :2] + leg.sole @ R[:2, :2].T
+        if up < shin[2]:
+            other = np.vstack((other, leg.shank + (ankle + max(0.0, up / shin[2]) * shin)[:2]))
+        middle = other.mean(axis=0) if len(other) else np.zeros(2)
+        found.append(middle + 0.98 * (other - middle))
     return found
