@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -87,7 +88,8 @@ class _Tree:
             self._axes = standing_axes(robot, *self._lowest)
         except ModelError:
             self._lowest, self._axes = (), np.eye(3)
-        self._robot, self._state = robot, robot.state(robot.home)
+        self._robot: Any = robot
+        self._state = robot.state(robot.home)
         self._state.kinematics()
         self._parents = [int(body[0]) for body in robot.bodies]
         self._places = [np.array(body[5][0]) @ self._axes for body in robot.bodies]
