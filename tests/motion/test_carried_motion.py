@@ -77,6 +77,16 @@ def test_a_carried_motion(kind: str, seed: int, g1: hqp.robots.Robot) -> None:
     assert np.mean(inside) > 0.9
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_body_is_as_high_as_planned(seed: int, g1: hqp.robots.Robot) -> None:
+    """Arms that swing up and across leave the CoM's height, and with it the ZMP, to the plan."""
+    found = retarget(KINDS["dab"](np.random.default_rng(seed)), g1, dynamics=True).dynamics
+    assert found is not None
+    assert found.missed < 8e-3
+    assert found.zmp_outside[1] < 0.01
+
+
 def _corners(found: Retargeted, feet: tuple[Foot, Foot], i: int, down: Any) -> Mat:
     """Corners of the boxes around the standing soles from above ``(m, 2)`` [m], 10 mm wider than the shapes."""
     state, points = found.robot.state(found.q[i]), []
