@@ -24,15 +24,15 @@ walking: setup
 # Bytecode is always written: else each process compiles all tests.
 PYTEST := HQP_REQUIRE_NATIVE=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
 test: setup
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not long"
 
 # Tests of answers and loops on the kernels of HQP_ISA: generic or avx2; without it the best of the machine.
 test-kernels: setup
 	$(PYTEST) -m "not slow" tests/solvers tests/torque tests/properties tests/export tests/walking tests/invariance
 
-# Also tests that draw many inputs or run for long.
+# Also tests that take longer, and draw many inputs.
 test-all: test
-	$(PYTEST) -m slow
+	$(PYTEST) -m "slow or long"
 
 # A million hostile ticks over seven robots; hours. test-all runs ten thousand.
 soak: setup

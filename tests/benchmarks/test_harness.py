@@ -102,6 +102,7 @@ def test_the_main_job_gathers_sections_and_worst_status(
     assert "ended with status 3" in told
 
 
+@pytest.mark.long
 def test_the_main_job_runs_a_part(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(command, "present", lambda part: part == "papers")
     monkeypatch.setitem(command.SMALLER, "papers", ("--robots", "none"))

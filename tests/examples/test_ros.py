@@ -93,6 +93,7 @@ def test_the_node_sends_what_its_session_says(monkeypatch: pytest.MonkeyPatch, t
     assert point.time_from_start.nanosec == round(1e9 * period)
 
 
+@pytest.mark.long
 def test_the_controller_compiles() -> None:
     """``make test-cpp`` links it and compares its loop with Python's."""
     drive = ROOT / "tests" / "examples" / "ros" / "drive.cpp"

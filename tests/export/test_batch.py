@@ -74,6 +74,7 @@ def test_a_world_is_a_session(name: str, formulation: str, reach: float) -> None
     assert tick.solved.all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "ur5"])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_notes_of_a_world_are_those_of_its_session(name: str, threads: int) -> None:

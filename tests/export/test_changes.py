@@ -151,6 +151,7 @@ def test_a_foot_is_released_and_taken_up(level: str) -> None:
     assert go(150, 1.0, 1.0).transition == 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("load", "quick"), [(None, False), (5.0, True)])
 def test_a_foot_that_was_measured_to_bear_little_is_let_go(load: float | None, quick: bool) -> None:
     robot, stacks, (com, _) = humanoid("torque")
@@ -212,6 +213,7 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text("ascii").split()[1])
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 def test_changes_leave_no_memory_behind() -> None:
     robot, stacks, _ = arm()

@@ -63,6 +63,7 @@ def run(bare: Path, *arguments: str) -> str:
     return found.stdout
 
 
+@pytest.mark.long
 def test_numpy_alone_steps_a_plan(bare: Path, tmp_path: Path) -> None:
     robot = hqp.robots.load("cbi", floating=False)
     hand = Position(frame="r_palm", law=P(5.0), name="hand")

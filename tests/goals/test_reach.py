@@ -267,6 +267,7 @@ def test_a_native_descent_that_gives_up_is_continued_where_it_is(name: str, monk
         assert first.steps == min(3, one.steps)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("calm", [False, True])
 def test_violations_of_a_step_are_those_of_the_bounds(calm: bool) -> None:
     """The general path takes them from the rows of the step."""

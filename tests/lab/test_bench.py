@@ -37,6 +37,7 @@ def result(robot) -> Bench:
     return hqp.bench(STACK, robot, solvers=("lexicographic", "weighted", "nullspace"), seconds=0.3, certify_every=20)
 
 
+@pytest.mark.long
 def test_a_strict_solver_is_certified_and_a_weighted_one_is_marked(result: Bench) -> None:
     own = result["lexicographic"]
     assert own.strict
@@ -151,6 +152,7 @@ def test_other_formulations(robot, formulation) -> None:
     assert found["lexicographic"].certified == 1.0
 
 
+@pytest.mark.long
 def test_mujoco_carries_out_velocities(robot) -> None:
     pytest.importorskip("mujoco")
     found = hqp.bench(STACK, robot, plant="mujoco", seconds=0.3, trajectory="hold")
@@ -175,6 +177,7 @@ def test_trajectories_from_files_and_functions(robot, tmp_path: Path, monkeypatc
         Trajectory(file, STACK, robot, 1.0)
 
 
+@pytest.mark.long
 def test_nan_targets_are_told_by_status(robot) -> None:
     found = hqp.bench(STACK, robot, seconds=0.3, trajectory="nan")
     assert found["lexicographic"].statuses["INVALID_REFERENCE"] > 10
@@ -203,6 +206,7 @@ def test_longest_run_andreversals() -> None:
     assert reversals(np.arange(101.0)[:, None], 0.01) == 0.0
 
 
+@pytest.mark.long
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from hqp.__main__ import main
 

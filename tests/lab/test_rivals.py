@@ -129,6 +129,7 @@ def _side() -> ModuleType:
     return module
 
 
+@pytest.mark.long
 def test_failures_of_a_rival_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -155,6 +156,7 @@ def test_failures_of_a_rival_are_counted(
         compare._theirs("pink", Path("python"), tmp_path, made, 0.04, 0.002)
 
 
+@pytest.mark.long
 def test_ours_in_the_same_table() -> None:
     robot = hqp.robots.load("cbi")
     made = [scene(name, robot, STACK) for name in ("nominal", "nan")]

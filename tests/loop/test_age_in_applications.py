@@ -38,6 +38,7 @@ def walker(robot: Any) -> Step:
     return lambda state, now: made.step(state, now=now)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", [upper_body, policy_filter, walker])
 def test_an_old_state_comes_to_rest_and_a_new_one_goes_on(make: Callable[[Any], Step]) -> None:
     robot = load("g1").copy()

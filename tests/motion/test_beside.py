@@ -88,6 +88,7 @@ def test_a_swing_passes_by_the_other_leg(seed: int) -> None:
     assert moved[[0, -1]].max() < 16.0 / n**2 * moved.max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_legs_keep_apart_at_the_height_of_the_higher_foot(seed: int) -> None:
     """A person whose feet tread on one line, or across it, in any direction; the left ones on ground as high as drawn:

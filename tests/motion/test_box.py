@@ -30,6 +30,7 @@ def on_box(found: Retargeted) -> dict[str, Any]:
     return {side: found.box.within(np.array(rows)) for side, rows in places.items()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "slip"),
     [
@@ -108,6 +109,7 @@ def test_rates_and_parts_keep_the_box() -> None:
     np.testing.assert_array_equal(part.box.quaternions, motion.box.quaternions[5:12])
 
 
+@pytest.mark.long
 def test_a_box_that_nobody_holds_stays_in_place() -> None:
     motion = stand(0.3)
     still = Box([[1.5, 0.0, 0.1]] * len(motion), [[0.0, 0.0, 0.0, 1.0]] * len(motion), [0.2, 0.2, 0.2])
@@ -137,6 +139,7 @@ def test_errors_name_the_part(tmp_path: Path) -> None:
         read_motion(path)
 
 
+@pytest.mark.long
 def test_a_motion_without_a_box_has_none() -> None:
     motion: Motion = stand(1.0)
     assert retarget(motion, catalogued("g1")).box is None

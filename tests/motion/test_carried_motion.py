@@ -61,6 +61,7 @@ def _acceleration(found: Retargeted) -> float:
     return float(np.quantile(np.abs(np.diff(v, axis=0)).max(axis=1) * found.fps, 0.99))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "seed"), DRAWN)
 def test_a_carried_motion(kind: str, seed: int, g1: hqp.robots.Robot) -> None:
     """Joints accelerate at most four times as much as without dynamics, the plan's ZMP is inside the soles, and the CoM

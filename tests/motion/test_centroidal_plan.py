@@ -108,6 +108,7 @@ def _lacks(soles: Soles, com: Vec, force: Vec, spin: Vec) -> float:
     return float(found.fun)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("toes", [False, True])
 @pytest.mark.parametrize("rise", [0.0, 0.3])
 @pytest.mark.parametrize("seed", [*range(3), *(pytest.param(s, marks=pytest.mark.slow) for s in range(3, 23))])
@@ -129,6 +130,7 @@ def test_forces_of_the_plan_act_inside_the_soles(seed: int, rise: float, toes: b
             np.testing.assert_allclose(value, node[there], atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(s, marks=pytest.mark.slow) for s in range(4, 24))])
 def test_legs_are_strong_enough_for_the_plan(seed: int) -> None:
     """On stairs, in a motion that needs more load than legs of drawn strengths give."""
@@ -209,6 +211,7 @@ def walked(g1: hqp.robots.Robot) -> Retargeted:
     return retarget(walk(1.2, speed=0.4, fps=120.0), g1, dynamics=True)
 
 
+@pytest.mark.long
 def test_a_walk_steps_by_its_schedule(walked: Retargeted) -> None:
     dynamics = walked.dynamics
     assert dynamics is not None
@@ -404,6 +407,7 @@ def test_a_heel_rises_in_a_step_on_a_box(rise: float, g1: hqp.robots.Robot) -> N
     assert np.mean(np.array(before) < 0.02) > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("heading", [2.1, *(pytest.param(h, marks=pytest.mark.slow) for h in (0.0, 3.1, 4.4))])
 def test_one_who_stands_is_left_alone(heading: float, g1: hqp.robots.Robot) -> None:
     found = retarget(stand(0.4, heading), g1, dynamics=True)

@@ -23,6 +23,7 @@ CASES = [
 ]  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "seed"), CASES)
 def test_hands_in_a_deep_bend(name: str, seed: int) -> None:
     """Hands within 40 mm of where they are without self-collision, no links that touch, by coal on the shapes of the

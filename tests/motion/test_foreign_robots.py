@@ -119,6 +119,7 @@ def _lowest(path: Path, q: Any) -> float:
     return least
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("drop", [0.03, 0.08])
 def test_soles_are_at_the_lowest_shapes(tmp_path: Path, turn: str, drop: float) -> None:
@@ -183,6 +184,7 @@ def test_a_start_that_leans_is_worse_than_hands_a_little_off() -> None:
     assert branches._enough(reached(residuals={**levels, "trunk": 0.5 * LEAN}))
 
 
+@pytest.mark.long
 def test_a_leaning_trunk_is_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:
     """A person bends sideways by 80 degrees; the robot's waist cannot."""
     motion = stand(0.4)

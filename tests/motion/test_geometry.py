@@ -488,6 +488,7 @@ def test_figures_of_a_pose_are_its_distances() -> None:
     assert not found.speed.any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_the_clearance_is_that_of_the_nearest_pair(seed: int) -> None:
     """Also of drawn postures in which links are inside each other, and beside hulls."""

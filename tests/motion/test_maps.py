@@ -58,6 +58,7 @@ def test_what_is_wrong_is_told() -> None:
         parse("frames =")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["g1", "cbi"])
 def test_heading_and_ankles_of_the_home_do_not_matter(name: str, seed: int) -> None:

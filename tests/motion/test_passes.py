@@ -83,6 +83,7 @@ def test_no_pass_is_chosen_that_is_worse_on_a_higher_level(flat: bool) -> None:
             assert first is None or chosen[first] < other[first]
 
 
+@pytest.mark.long
 def test_the_choice_of_a_motion_keeps_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """All passes over a bend that lags, each judged by the levels; the chosen one is on no level worse than one that is
     as good above it."""

@@ -146,6 +146,7 @@ def test_feet_of_one_who_lies_on_a_side_keep_the_yaw_of_before() -> None:
         np.testing.assert_allclose(np.arctan2(ahead[:, 1], ahead[:, 0]), 0.7, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_a_suggested_map_has_the_feet_and_ankles_of_the_legs(name: str) -> None:
     robot = catalogued(name)

@@ -39,6 +39,7 @@ def walked() -> Retargeted:
     return retarget(walk(2.0), "g1")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param("talos", marks=pytest.mark.slow), "cbi"])
 def test_a_walk_on_other_robots_with_nothing_tuned(name: str) -> None:
     found = retarget(walk(1.2), name)
@@ -52,6 +53,7 @@ def test_a_walk(walked: Retargeted) -> None:
     assert walked.q[-1, 0] - walked.q[0, 0] > 0.7 * 0.8 * 2.0 * walked.scale
 
 
+@pytest.mark.long
 def test_a_walk_without_toes_that_is_mirrored(g1: hqp.robots.Robot) -> None:
     """Estimates of 17 joints end at the ankles; the report begins with the person's oddities."""
     found = retarget(renamed(mirrored(walk(1.2)), "estimate")[0], g1)
@@ -72,6 +74,7 @@ def _is_sound(found: Retargeted) -> None:
     assert np.isfinite(found.q).all()
 
 
+@pytest.mark.long
 def test_joints_are_no_quicker_than_a_persons(
     walked: Retargeted, monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot
 ) -> None:
@@ -83,6 +86,7 @@ def test_joints_are_no_quicker_than_a_persons(
     assert calm["jerk_p99"] < 0.5 * quick["jerk_p99"]
 
 
+@pytest.mark.long
 def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(
     monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot
 ) -> None:
@@ -111,6 +115,7 @@ def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(
         assert ends == [end, end]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "rise"),
     [("g1", 0.34), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("cbi", 0.15), ("talos", 0.34)))],
@@ -141,11 +146,13 @@ def test_it_begins_in_the_heading_of_the_person(heading: float, g1: hqp.robots.R
     assert found.summary["hand_p99"] < 0.02
 
 
+@pytest.mark.long
 def test_the_same_bits_again(walked: Retargeted) -> None:
     again = retarget(walk(2.0), "g1")
     np.testing.assert_array_equal(again.q, walked.q)
 
 
+@pytest.mark.long
 def test_units_and_places_of_the_file_do_not_matter(walked: Retargeted, g1: hqp.robots.Robot) -> None:
     motion = walk(2.0)
     other = retarget(Motion(motion.names, 100.0 * motion.positions, motion.fps), g1)
@@ -171,6 +178,7 @@ def test_out_of_reach_is_told_with_what_it_gave_way_to(g1: hqp.robots.Robot) -> 
     np.testing.assert_array_equal(found.gave_way != "", off)
 
 
+@pytest.mark.long
 def test_shortfalls_are_told_in_frames_of_the_result(g1: hqp.robots.Robot) -> None:
     motion = stand(2.0)
     places = motion.positions.copy()
@@ -196,6 +204,7 @@ def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch, g1
     assert retarget(walk(1.0), g1).summary["hand_p99"] > 0.1
 
 
+@pytest.mark.long
 def test_contacts_of_ones_own(tmp_path: Path, g1: hqp.robots.Robot) -> None:
     motion = stand(0.5)
     mask = np.zeros((len(motion), len(NAMES)), dtype=bool)
@@ -242,6 +251,7 @@ def test_the_report_page(walked: Retargeted, tmp_path: Path) -> None:
     assert page.count("plotly.js v") == 1
 
 
+@pytest.mark.long
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_npz(tmp_path / "stand.npz", stand(0.3))
     assert (

@@ -32,6 +32,7 @@ def drawn(robot: Robot, frames: int, seed: int) -> Drawn:
     return Drawn(np.array(q), rng.normal(size=(frames, robot.nv)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi"])
 def test_bodies_and_joints_are_those_of_mujoco(name: str) -> None:
     """Bodies and joints in a random order."""

@@ -62,6 +62,7 @@ def test_the_first_command_continues_from_what_is_measured(name: str, output: st
             )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_drawn_goals_above_moving_legs(name: str) -> None:
     """Hand targets anywhere while legs and base move: ranges and speeds hold, and no hand touches a leg, by coal."""
@@ -332,6 +333,7 @@ def test_friction_of_the_file_is_overcome(seed: int, monkeypatch: pytest.MonkeyP
     assert off[True] < 0.6 * off[False], off
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
 def test_noise_of_rates_reverses_no_torque(seed: int) -> None:
     """Drawn ways of the hands of Talos in Pinocchio's dynamics with the friction of its file, rates off by 0.02 rad/s:

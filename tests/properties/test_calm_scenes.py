@@ -38,6 +38,7 @@ def test_out_of_reach_a_humanoid_is_calm(robot: str, formulation: str) -> None:
     assert "reversals" in set(goals.misses(formulation, loop(robot, formulation, "beyond", EXACT, 1500)))
 
 
+@pytest.mark.long
 def test_within_reach_a_price_costs_nothing() -> None:
     priced, exact = (loop("panda", "velocity", "circle within", v) for v in (PRICED, replace(PRICED, priced=False)))
     assert not goals.loses(priced, exact)

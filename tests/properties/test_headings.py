@@ -76,6 +76,7 @@ def test_a_foot_in_the_air_turns_the_shorter_way(whole: float) -> None:
         assert yaws[-1] == pytest.approx(0.25, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("whole", [0.0, *TURNS])
 def test_what_an_operator_turns_is_followed_the_shorter_way(whole: float) -> None:
     """A hand that turns by 0.5 rad/s through half a turn, as an angle, a rotation and a pose."""
@@ -136,6 +137,7 @@ def walked(heading: float, seconds: float, turn: float) -> Any:
     return np.array(sent)
 
 
+@pytest.mark.long
 def test_a_walk_does_not_know_its_heading() -> None:
     """Walk with a heading near half a turn, where the measured yaw changes its sign."""
     one, other = walked(0.0, 2.2, 0.3), walked(math.pi, 2.2, 0.3)
@@ -157,6 +159,7 @@ def test_a_walk_turns_twice() -> None:
     assert changes[2000:].max() < 1.5 * changes[:2000].max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("heading", [math.pi, pytest.param(None, marks=pytest.mark.slow)])
 def test_a_clip_is_retargeted_whatever_its_heading(heading: float | None) -> None:
     motion, robot = walk(0.6), hqp.robots.load("g1")

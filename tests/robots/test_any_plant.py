@@ -21,6 +21,7 @@ from hqp.walking.stance import standing
 DATA = Path(__file__).parents[1] / "data" / "mjcf"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["panda", "ur5", "go2", "g1", "talos"])
 def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
     """M, nle and motor limits match the robot; position servos hold home on the ground for half a second."""
@@ -48,6 +49,7 @@ def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
         assert len(touching - {"world"}) <= len(feet), touching
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "link", "off"),
     [("icub", "head", 1e-2), ("romeo", "RElbowYawLink", 1e-2), ("anymal", "depth_camera", 1e-2), ("human", "", 1e-1)],
@@ -149,6 +151,7 @@ def test_every_robot_of_the_catalogue_has_a_plant() -> None:
         assert np.all(np.isfinite(q)), name
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["talos", "icub", *(pytest.param(n, marks=pytest.mark.slow) for n in ("g1", "romeo"))])
 def test_a_sole_bears_what_all_links_fixed_to_it_bear(name: str) -> None:
@@ -165,6 +168,7 @@ def test_a_sole_bears_what_all_links_fixed_to_it_bear(name: str) -> None:
     assert Plant(robot).watched == robot.landmarks["soles"]
 
 
+@pytest.mark.long
 def test_a_watched_frame_that_can_touch_nothing_is_refused() -> None:
     robot = hqp.robots.load("talos")
 

@@ -64,6 +64,7 @@ def test_no_floating_robot_stands_in_the_ground(name: str) -> None:
         assert min(heights) < _HEIGHT
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["talos", "panda", "ur5"])
 def test_shapes_to_touch_and_to_draw(name: str) -> None:
     robot = hqp.robots.load(name)

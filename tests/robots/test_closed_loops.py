@@ -90,6 +90,7 @@ def test_torques_accelerate_it_as_in_mujoco(kind: str, seed: int, tmp_path: Path
         np.testing.assert_allclose(found, expected, atol=1e-2 * max(1.0, float(np.abs(expected).max())))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_simulated_mechanism_follows(kind: str, tmp_path: Path) -> None:
     robot, simulated = load(tmp_path, kind, 5)

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 LINK = (
     '<link name="l{0}"><inertial><mass value="1"/>'
     '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -35,6 +37,7 @@ def grown(joints: int, folder: Path) -> int:
     return size
 
 
+@pytest.mark.long
 def test_a_long_chain_takes_the_memory_of_one_data(tmp_path: Path) -> None:
     """32 nv^3 bytes for the tensors, and at most as much as 1 kB nv^2 and 32 MB for all else."""
     for joints in (100, 200):

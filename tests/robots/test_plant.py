@@ -386,6 +386,7 @@ def test_accelerometer() -> None:
     assert np.linalg.norm(plant.measure().accelerometer) < 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_readings_of_the_accelerometer_add_up_to_the_velocity(seed: int) -> None:
     """Under servos, too, whose damping is part of an implicit step: the sensor of MuJoCo reads a fifth more there."""
@@ -536,6 +537,7 @@ def test_bad_declarations(make: Any) -> None:
         make()
 
 
+@pytest.mark.long
 def test_missing_mujoco_names_the_pip_line() -> None:
     program = (
         "import sys; sys.modules['mujoco'] = None\n"
@@ -549,6 +551,7 @@ def test_missing_mujoco_names_the_pip_line() -> None:
     assert "pip install 'hqp[mujoco]'" in done.stdout
 
 
+@pytest.mark.long
 def test_robots_do_not_import_mujoco() -> None:
     program = "import sys, hqp.robots; hqp.robots.load('cbi'); print('mujoco' in sys.modules)"
     root = Path(__file__).resolve().parents[2]

@@ -33,6 +33,7 @@ def test_capsules_contain_the_surface_and_are_tight(kind: str, tmp_path: Path) -
     judge(robot, capsules.fitted(robot))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sides", [300, pytest.param(1000, marks=pytest.mark.slow)])
 def test_a_fine_disc_has_capsules(sides: int, tmp_path: Path) -> None:
     """A corner of its hull may have more neighbours than coal's convex shapes take."""

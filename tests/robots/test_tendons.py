@@ -85,6 +85,7 @@ def declared(robot: Any, posture: Posture, *constraints: Any) -> Any:
     return hqp.Controller(stack, hqp.Torque(), deadline=np.inf).session(robot, 0.002, stuck=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_hands_on_tendons_move_as_in_mujoco(seed: int, tmp_path: Path) -> None:
     """The acceleration of the program is that of MuJoCo under the tendons' forces; the hand follows, and stops."""
@@ -117,6 +118,7 @@ def test_hands_on_tendons_move_as_in_mujoco(seed: int, tmp_path: Path) -> None:
     assert np.abs(data.qvel).max() < 0.01  # the stop holds it up with the tendons
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_fingers_tied_by_the_stack_have_a_torque_level(seed: int, tmp_path: Path) -> None:
     """One tendon through two joints: a declared coupling ties them, an equality of the same law ties them in MuJoCo."""

@@ -44,6 +44,7 @@ def check(n: int, seeds: range) -> None:
                 assert not certificate(problem, moved, 1e-6).ok, f"a worse point passes: n {n} seed {seed}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_every_active_set_of_small_problems(n: int) -> None:
     check(n, range(20))

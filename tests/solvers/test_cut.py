@@ -170,6 +170,7 @@ def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None
     assert seen > 10
 
 
+@pytest.mark.long
 def test_stages_begin_with_the_latest_working_set() -> None:
     """Stages of a slightly changed problem take fewer steps from the latest working set than from none."""
     warm = cold = 0

@@ -95,6 +95,7 @@ def test_the_textbook_reference_agrees() -> None:
     assert compared > 150
 
 
+@pytest.mark.long
 def test_the_reference_solves_levels_whose_rows_differ_in_length() -> None:
     for seed in range(60):
         problem = drawn_problem("row_scales", seed)[0]

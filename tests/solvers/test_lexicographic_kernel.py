@@ -43,6 +43,7 @@ def hierarchy(n: int, *levels: tuple[Any, Any, Any], metric: object = None, orig
     return SimpleNamespace(n=n, levels=rows, constraints=0, metric=metric, origin=origin)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(COMPILER is None, reason="needs a C++ compiler")
 def test_the_parts_of_the_kernel_alone(tmp_path: Path) -> None:
     """Null space, factorisation, updates, least squares, verdict, searches, row space, secular equation, a stage."""

@@ -12,6 +12,7 @@ from tests.scenes.priced import is_unsure
 from tests.scenes.stacks import scene
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "ticks"), [("talos", 34), ("g1", 34), ("romeo", 3), ("cbi", 6)])
 def test_torques_that_no_level_determines_are_one_answer(
     name: str, ticks: int, monkeypatch: pytest.MonkeyPatch
@@ -40,6 +41,7 @@ def test_torques_that_no_level_determines_are_one_answer(
         q, v = tick.advance()
 
 
+@pytest.mark.long
 def test_a_stage_point_that_is_moved_is_refused() -> None:
     """It is moved by 1e-7 of its motion along its rows: the rounding bound of products is smaller than that."""
     session, given = scene("talos", "torque")

@@ -96,6 +96,7 @@ def as_stored(seed: int, dense: bool, mixed: bool, unit: float) -> Hierarchy:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["lexicographic", pytest.param("reference", marks=pytest.mark.slow)])
 def test_one_answer_however_the_rows_are_stored(name: str) -> None:
     solver, unmet = hqp.solvers.load(name), 0
@@ -116,6 +117,7 @@ def test_one_answer_however_the_rows_are_stored(name: str) -> None:
     assert unmet > 20
 
 
+@pytest.mark.long
 def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:
     solvers = [hqp.solvers.load(name) for name in SOLVERS]
     for seed in range(12):
@@ -309,6 +311,7 @@ def test_a_posture_takes_little_from_an_unmet_level() -> None:
     assert unmet > 10
 
 
+@pytest.mark.long
 def test_wrong_answers_are_refused() -> None:
     solver = hqp.solvers.load("lexicographic")
     for seed in range(20):

@@ -50,6 +50,7 @@ def test_an_answer_of_a_loop_passes_the_certificate_or_says_that_it_is_unsure(ki
         assert verdict.ok, f"{solution.status.name}, but {verdict}"
 
 
+@pytest.mark.long
 def test_the_last_digits_of_an_answer_do_not_change_its_verdict() -> None:
     """Forces at the apex of cones: stages above the first unmet one are found by the certificate itself."""
     solver, certain = hqp.solvers.load("lexicographic"), 0
@@ -109,6 +110,7 @@ def drifting(rng: Generator, ticks: int = 40) -> list[Hierarchy]:
     return sequence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seeds", [range(20), pytest.param(range(20, 150), marks=pytest.mark.slow)], ids=["few", "many"]
 )

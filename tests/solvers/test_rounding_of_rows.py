@@ -238,6 +238,7 @@ def test_last_digits_of_nearly_parallel_rows_do_not_move_a_certain_answer() -> N
     assert farthest < LARGEST_ROUNDING
 
 
+@pytest.mark.long
 def test_active_rows_make_no_verdict_stricter() -> None:
     """The optimum of a level among more points is its optimum among fewer: a row that pulls by rounding alone is free.
 
@@ -264,6 +265,7 @@ def test_active_rows_make_no_verdict_stricter() -> None:
     assert right > 100
 
 
+@pytest.mark.long
 def test_a_row_that_the_best_step_leaves_stops_it() -> None:
     """A row that misses by 1 sees 1e-7 to 1e-4 of a direction, far away, and rows of its level are at their bounds.
 
@@ -292,6 +294,7 @@ def test_a_row_that_the_best_step_leaves_stops_it() -> None:
     assert right > 40
 
 
+@pytest.mark.long
 def test_rounding_of_a_point_far_away_frees_no_row_that_holds_the_completion() -> None:
     """Rows take x 1e3 to 1e6 away, other variables are bounded by 1, and a metric chooses.
 
@@ -316,6 +319,7 @@ def test_rounding_of_a_point_far_away_frees_no_row_that_holds_the_completion() -
         assert not certificate(problem, best + 1e-6 * step, 1e-8).ok, seed
 
 
+@pytest.mark.long
 def test_a_direction_that_a_level_hardly_sees_may_end_anywhere() -> None:
     """A level sees 1e-11 to 1e-5 of a direction that bounds hold, and its rows conflict along all others.
 
@@ -362,6 +366,7 @@ def test_a_row_that_a_face_nearly_hides_pulls_there_all_the_same(seed: int) -> N
     assert is_certain(hqp.solvers.load("lexicographic"), problem, seed)
 
 
+@pytest.mark.long
 def test_an_answer_that_rests_on_a_rank_near_either_reading_is_not_certain() -> None:
     """Rows repeat others but for 3e-11 to 3e-9, some of them 1e3 shorter: a rank of 1e-11 of their length may count."""
     solver, certain = hqp.solvers.load("lexicographic"), 0
@@ -385,6 +390,7 @@ def test_an_answer_that_rests_on_a_rank_near_either_reading_is_not_certain() -> 
     assert certain > 80
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("most", [-4.0, -3.0])
 def test_a_level_met_for_its_price_has_multipliers_that_meet_its_rows(most: float) -> None:
     """Rows repeat others but for 1e-6 to 1e-2, beside directions without motion: squares lose their remainders."""
@@ -438,6 +444,7 @@ def test_noise_moves_no_certain_answer_out_of_a_narrow_wedge() -> None:
     assert certain > 60
 
 
+@pytest.mark.long
 def test_a_level_that_is_not_met_hands_down_the_values_of_its_own_stage() -> None:
     """Rows of all levels repeat two but for 1e-11 to 1e-5; the second level, without a price, conflicts in itself."""
     solver, certain = hqp.solvers.load("lexicographic"), 0

@@ -200,6 +200,7 @@ def met_at_zero(seed: int) -> Hierarchy:
     return Hierarchy((*levels, Rows(Selection(np.arange(n)), still, still)), 1)
 
 
+@pytest.mark.long
 def test_a_row_below_a_level_does_not_hold_it_back() -> None:
     """Rows that rounding let in, while levels above were left out, kept these off their optimum: 5 of 900 answers.
 

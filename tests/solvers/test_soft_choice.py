@@ -77,6 +77,7 @@ def test_every_path_ends_at_the_minimum(seed: int, priced: bool) -> None:
     assert np.all(np.abs(off) <= allowed(problem, x) + 1e-8)
 
 
+@pytest.mark.long
 def test_rows_that_hold_a_level_count_wherever_the_wedge_is_judged() -> None:
     """Rows opposed by 1e-6 to 1e-5: a point kept off them, or rounding of x, leaves 1e-5 of room between them.
 
@@ -93,6 +94,7 @@ def test_rows_that_hold_a_level_count_wherever_the_wedge_is_judged() -> None:
     assert certain > 300
 
 
+@pytest.mark.long
 def test_stages_in_wedges_begin_within_the_rows_and_pass() -> None:
     """From the soft minimum, beyond the rows, they would take 4828 steps; no certain answer is refused."""
     solver, steps = hqp.solvers.load("lexicographic"), 0
@@ -103,6 +105,7 @@ def test_stages_in_wedges_begin_within_the_rows_and_pass() -> None:
     assert steps < 4200
 
 
+@pytest.mark.long
 def test_rows_missed_by_rounding_move_no_certain_answer() -> None:
     """Rows opposed but for a tilt may be missed by 1e-10 to 1e-7: the apex is as far away as that over the tilt.
 
@@ -205,6 +208,7 @@ def test_nearly_parallel_rows_do_not_tilt_what_no_level_sees() -> None:
     assert certain > 50
 
 
+@pytest.mark.long
 def test_broken_rows_nearly_dependent_on_others_hold_nothing_in_part() -> None:
     """All levels are constraints; rows that conflict, and keep their values, repeat others but for 1e-11 to 1."""
     solver, certain = hqp.solvers.load("lexicographic"), 0

@@ -41,6 +41,7 @@ def test_the_answer_is_judged_before_it_is_given_up(i: int, options: dict[str, b
         assert np.all(problem(i).levels[0].slack(solution.x) == 0.0)
 
 
+@pytest.mark.long
 def test_a_search_that_stalls_beside_the_optimum_is_not_certain() -> None:
     """The level falls by 5e-5 per N m along internal forces: its gap is 8e-9, its residual 2e-5 off.
 

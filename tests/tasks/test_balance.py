@@ -117,6 +117,7 @@ def test_the_dcm_moves_as_its_derivative_says(robot: Robot, height: float | None
         np.testing.assert_allclose((found[1] - found[0]) / (2.0 * step), expected, atol=1e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_on_a_slope_the_line_of_force_goes_through_the_zmp(seed: int) -> None:

@@ -76,6 +76,7 @@ def test_configuration_is_the_inverse_of_angles(robot: Any) -> None:
     np.testing.assert_allclose(robot.state(robot.configuration(angles)).angles, angles, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("formulation", "law"), [(hqp.Velocity(), P(1.0)), (hqp.Acceleration(), PD(4.0, 4.0))])
 def test_from_outside_its_cone_a_ball_comes_back_gradually(robot: Any, formulation: Any, law: Any) -> None:
     """The return velocity is reached at the acceleration limit of the JointLimits' box."""
@@ -110,6 +111,7 @@ def test_a_posture_takes_a_ball_the_shortest_way(robot: Any) -> None:
     assert left[-1] == pytest.approx(left[0] * math.exp(-2.0), rel=5e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=lambda f: f.__class__.__name__)
 @pytest.mark.parametrize("direction", [pytest.param((1.0, 0.0), marks=pytest.mark.slow), (0.6, 0.8), (-0.7, 0.7)])
 def test_a_ball_stops_at_its_cone_whatever_the_direction(robot: Any, formulation: Any, direction: Any) -> None:

@@ -67,6 +67,7 @@ def test_blocked_for_eight_seconds(name: str, formulation: str, scene: str) -> N
     assert not list(misses(formulation, figures)), figures
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["panda", pytest.param("talos", marks=pytest.mark.slow), "g1"])
 def test_from_inside_it_comes_out_at_the_recovery_speed(name: str) -> None:
     need(name)
@@ -80,6 +81,7 @@ def test_from_inside_it_comes_out_at_the_recovery_speed(name: str) -> None:
         assert "CONSTRAINTS_VIOLATED" not in figures["statuses"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="needs MuJoCo")
 @pytest.mark.parametrize("name", ["panda", pytest.param("cbi", marks=pytest.mark.slow)])
 def test_around_a_table_in_mujoco_nothing_is_touched(name: str) -> None:

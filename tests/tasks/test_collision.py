@@ -128,6 +128,7 @@ def write_box(path: Any, half: Any) -> None:
             file.write(struct.pack("<12f", *plane[:3], *p, *q, *r) + bytes(2))
 
 
+@pytest.mark.long
 def test_a_mesh_of_a_box_is_the_box(panda: Any, tmp_path: Any) -> None:
     """Distances, normals and J of hull and triangles equal those of the native box in any pose and scale."""
     write_box(tmp_path / "box.stl", np.array([150.0, 200.0, 20.0]))  # in millimetres
@@ -314,6 +315,7 @@ def test_pairs_by_group_link_and_world(talos: Any) -> None:
 # ------------------------------------------------------------------------------------------------------- traps
 
 
+@pytest.mark.long
 def test_home_violates_nothing(talos: Any) -> None:
     """Overlapping bounding capsules of neighbours are left out; other pairs limit their clearance to 0.8 of their
     distance."""
@@ -374,6 +376,7 @@ def test_a_pair_keeps_its_slot_and_the_nearest_have_one() -> None:
         before = held
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "hand"), [("cbi", "r_palm"), ("icub", "r_hand"), ("g1", "right_wrist_yaw_link")])
 def test_a_pair_inside_its_clearance_has_a_row(name: str, hand: str) -> None:
     """Fingers whose small distances are their clearances leave rows to a ball that comes too near."""
@@ -475,6 +478,7 @@ def test_from_inside_it_comes_out_at_the_recovery_speed_with_the_feet_where_they
         np.testing.assert_allclose(talos.state(q).position(frame), at, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("price", [None, 0])
 def test_explain_names_the_pair(panda: Any, price: float | None) -> None:
     """A hand is sent through the table: the explanation names the pair."""
@@ -500,6 +504,7 @@ def test_explain_names_the_pair(panda: Any, price: float | None) -> None:
     assert "- table" in str(tick.explain())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "formulation",
     [hqp.Velocity(), pytest.param(hqp.Acceleration(), marks=pytest.mark.slow)],

@@ -135,6 +135,7 @@ def test_a_table_is_pressed_by_noisy_sensors_with_delay() -> None:
     assert np.abs(np.array(loop.loads[-200:]) - 20.0).max() < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", ["velocity", "acceleration", "torque"])
 def test_a_spring_is_as_stiff_as_asked(level: str) -> None:
     """With a push of 15 N the hand rests at F / K; without it the hand returns."""

@@ -22,6 +22,7 @@ LEVELS: dict[str, tuple[Any, Any]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", ["velocity", "acceleration", pytest.param("torque", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
 def test_thrown_links_keep_their_clearance(name: str, level: str) -> None:

@@ -68,6 +68,7 @@ def test_distances_to_hulls_are_coals(seed: int) -> None:
     assert inside > 3
 
 
+@pytest.mark.long
 def test_hulls_contain_the_shapes() -> None:
     robot = hqp.robots.load("g1")
     contacts, geometry = robot.contacts(), robot.geometry
@@ -82,6 +83,7 @@ def test_hulls_contain_the_shapes() -> None:
                 assert to_polytope(at, at, 0.0, shape, np.zeros(3), np.eye(3))[0] < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_what_the_rows_allow_does_not_touch(name: str) -> None:
     """Links that are apart at home, by coal on the shapes of the file, in drawn configurations:
@@ -124,6 +126,7 @@ def test_what_the_rows_allow_does_not_touch(name: str) -> None:
     assert len(allowed) <= touching // 50, allowed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_rows_of_hulls_exclude_what_touches(name: str) -> None:
     """The shapes of a pair of links touch in a third of the configurations that its rows exclude at clearance 0.
@@ -167,6 +170,7 @@ def test_distances_are_exact_up_to_the_one_that_is_asked_for(seed: int) -> None:
         assert (found <= exact + 1e-9).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     ("name", "pairs"),
@@ -193,6 +197,7 @@ def test_native_rows_are_those_of_the_functions(name: str, pairs: Any, order: in
     assert rows > 40
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "ur5", pytest.param("go1", marks=pytest.mark.slow)])
 def test_links_that_are_named_are_kept_apart_or_refused(name: str) -> None:
     """All pairs of links whose capsules overlap at home, and some others: a row with a clearance, or an error."""
@@ -226,6 +231,7 @@ def test_links_that_are_named_are_kept_apart_or_refused(name: str) -> None:
     assert hulls or name == "ur5"
 
 
+@pytest.mark.long
 def test_a_group_keeps_the_links_that_can_be_kept_apart() -> None:
     """Neighbours in a chain meet at their joint: the rows of the others remain."""
     robot = hqp.robots.load("g1")

@@ -40,6 +40,7 @@ def files(folder: Path) -> list[Path]:
     return sorted((folder / "cache" / "hqp" / "pairs").iterdir())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["ur5", "go2", "drawn 0", "drawn 1"])
 def test_pairs_are_judged_once(name: str, tmp_path: Path, judged: list[int]) -> None:
     first = pairs(load(name))

@@ -71,6 +71,7 @@ def share(rng: np.random.Generator, k: int) -> Any:
     return np.concatenate(([1.0], rng.uniform(0.5, 1.0, k - 1)))
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(SCENES)
 def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> None:
@@ -104,6 +105,7 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
         assert np.all((q >= low - 1e-9) & (q <= high + 1e-9)), "a position limit is crossed"
 
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(SCENES, st.floats(0.2, 1.0))
 def test_from_outside_joints_come_back_at_bounded_speed(scene: dict[str, Any], back: float) -> None:

@@ -74,6 +74,7 @@ def test_native_rows_equal_readable_rows(panda: Any, order: int, written: Callab
     assert near > 50
 
 
+@pytest.mark.long
 def test_rates_and_drifts_by_differences(panda: Any) -> None:
     """d/dt of a distance is J v + carried, its second derivative at zero acceleration the drift."""
     element, rng = CollisionAvoidance(pairs="world", world=WORLD, influence=0.6), np.random.default_rng(2)
@@ -185,6 +186,7 @@ def test_a_moving_mesh_has_the_rows_of_the_box_that_it_is(panda: Any, block: Any
     assert compared > 20
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "formulation",
     [hqp.Velocity(), pytest.param(hqp.Acceleration(), marks=pytest.mark.slow)],

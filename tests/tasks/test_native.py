@@ -276,6 +276,7 @@ def test_native_problems_equal_readable_problems(formulation: Any, monkeypatch: 
                 assert np.allclose(x, y, rtol=1e-10, atol=1e-9)
 
 
+@pytest.mark.long
 def test_errors_are_exact_near_half_a_turn() -> None:
     """Rotation vectors lose accuracy first at rotations by almost pi, about any axis."""
     robot = hqp.robots.load("cbi")

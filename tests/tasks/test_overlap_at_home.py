@@ -56,6 +56,7 @@ def test_pairs_that_overlap_at_home_are_named(seed: int) -> None:
     assert not [n for n in session.step(robot.state()).notes if n.element == "collision"]
 
 
+@pytest.mark.long
 def test_capsules_that_overlap_at_home_keep_shapes_apart() -> None:
     """G1's upper arm is sent to drawn postures inside the trunk; judge the hulls of the shapes by coal."""
     robot = hqp.robots.load("g1")

@@ -86,6 +86,7 @@ class Press:
         return float(np.abs(np.diff(self.commands, axis=0)).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("observed", "off", "jump"), [(False, 0.5, 0.03), (True, 1.5, 0.03)])
 def test_it_comes_to_bear_what_is_asked_without_a_bounce(observed: bool, off: float, jump: float) -> None:
     """Use a sensor with 0.3 N of noise, or the motor torques; start in the air above a hard table."""
@@ -102,6 +103,7 @@ def test_it_comes_to_bear_what_is_asked_without_a_bounce(observed: bool, off: fl
     assert press.statuses == {"OPTIMAL"}
 
 
+@pytest.mark.long
 def test_without_a_table_it_stops_where_it_may_go_no_further() -> None:
     """It descends at f_ref / D and rests at the bound."""
     press = Press(there=False)

@@ -91,6 +91,7 @@ def configurations(robot: Any, rng: Any, count: int) -> list[Any]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_pairs_that_touch_have_a_row_and_needless_pairs_none(name: str) -> None:
     """By coal on the shapes of the file: no row is violated at home. In another draw, shapes touch in some
@@ -145,6 +146,7 @@ def test_pairs_that_touch_have_a_row_and_needless_pairs_none(name: str) -> None:
             assert touching < 0.65  # half, and three deviations of the draw
 
 
+@pytest.mark.long
 def test_capsules_of_a_file_have_the_pairs_of_shipped_ones(tmp_path: Any) -> None:
     """Capsules that were fitted to the robot's shapes are judged by these wherever they come from."""
     robot = hqp.robots.load("ur5")
@@ -200,6 +202,7 @@ def test_links_that_pass_closely_keep_a_smaller_clearance(seed: int) -> None:
     assert "keep" in avoid.remark(robot)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", pytest.param("talos", marks=pytest.mark.slow)])
 def test_links_of_both_sides_keep_alike_clearances(name: str) -> None:
     """Left and right links that pass others closely are judged in other draws, and keep the same within a fifth."""
@@ -246,6 +249,7 @@ def test_the_order_of_distances_does_not_matter(seed: int) -> None:
         np.testing.assert_array_equal(near[clear], (np.array(gaps) < least)[clear])
 
 
+@pytest.mark.long
 def test_links_of_the_catalogue_that_pass_closely_have_a_row() -> None:
     for name in ("g1", "ur5"):
         assert not scene(CollisionAvoidance(), hqp.robots.load(name)).unseparated
@@ -272,6 +276,7 @@ def folding(seed: int) -> Any:
     return hqp.robots.Robot(model, name=f"folding {seed}").with_capsules(capsules)
 
 
+@pytest.mark.long
 def test_links_that_touch_in_most_configurations_have_no_row_but_a_note() -> None:
     """Shapes that deny their joints most of the ranges are wrong; by coal, in configurations of another draw."""
     counted = {True: 0, False: 0}

@@ -71,6 +71,7 @@ def run(robot: Any, seed: int) -> None:
         before = reference.value
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("error")
 def test_no_stream_ends_the_loop(robot: Any) -> None:
     for seed in range(100):

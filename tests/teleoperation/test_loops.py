@@ -104,6 +104,7 @@ def test_an_arm_is_back_within_half_a_second(name: str) -> None:
     judge(run(*setup("ur5"), fault(name)), name)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["g1", pytest.param("talos", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["dropout", "teleport", "flip"])
 def test_a_humanoid_is_back_within_half_a_second(robot: str, name: str) -> None:

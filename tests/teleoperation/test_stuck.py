@@ -116,6 +116,7 @@ def test_a_session_may_do_without() -> None:
     assert far(robot, hand, aim, q) > 0.05
 
 
+@pytest.mark.long
 def test_what_is_out_of_reach_is_not_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
     """Start at most one query in two seconds."""
     asked: list[Any] = []

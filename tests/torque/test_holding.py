@@ -40,6 +40,7 @@ def bounded(stack: Stack, robot: Any, share: float = 0.8) -> dict[str, float]:
     return dict(zip(held[0].task.joints, held[0].upper, strict=True)) if held else {}
 
 
+@pytest.mark.long
 def test_a_robot_that_reaches_too_far_stays_where_its_motors_hold_it() -> None:
     """Without the bound, Talos bends until its torso has no torque left and falls."""
     robot = hqp.robots.load("talos")

@@ -48,6 +48,7 @@ def wrenches(session: Any, state: Any, x: Vec, middles: Any) -> tuple[Vec, Vec]:
     return found[0], found[1]
 
 
+@pytest.mark.long
 @settings(max_examples=15)
 @given(share=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
 def test_each_foot_bears_its_share(share: float, seed: int) -> None:

@@ -58,6 +58,7 @@ def commands(name: str, noise: float, observed: bool, ticks: int = 300, seed: in
     return np.array(found), robot.effort_limit[robot.actuated]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) for n in ("talos", "cbi", "icub")] + ["g1"])
 def test_torques_neither_reverse_nor_jump(name: str) -> None:
     quiet, limits = commands(name, 0.0, True)

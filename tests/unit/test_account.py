@@ -314,6 +314,7 @@ def test_other_solvers_account_through_an_explanation() -> None:
     assert account.cause("posture") in ("lost", "limit")
 
 
+@pytest.mark.long
 def test_an_answer_that_was_cut_short_after_stages_has_an_account() -> None:
     """explain() raised ValueError: it read the longer list of multipliers of the previous tick."""
     robot, run, hand = humanoid("talos", hqp.Velocity())
@@ -372,6 +373,7 @@ def test_contacts_in_conflict_have_an_account_too() -> None:
     assert both(tick, "pulled") == ("own level", "own level")
 
 
+@pytest.mark.long
 def test_accounts_leave_no_memory_behind() -> None:
     """A workspace with a view of its own multipliers was never freed: 0.1 to 1 MB each."""
     import gc

@@ -158,6 +158,7 @@ def test_a_change_to_a_stack_seen_before_is_quick(robot: Robot, level: str, monk
     assert set(done) == {"path", "compile"}
 
 
+@pytest.mark.long
 def test_changes_leave_nothing_behind(robot: Robot) -> None:
     whole = stack(robot, "velocity")
     run = session(robot, whole)
@@ -215,6 +216,7 @@ CHANGES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "level"), CHANGES)
 def test_no_tick_of_a_transition_jumps(name: str, level: str) -> None:
     for change in measure(hqp.robots.load(name), level):
@@ -225,6 +227,7 @@ def test_no_tick_of_a_transition_jumps(name: str, level: str) -> None:
             assert change.abrupt > 3.0 * change.during, str(change)  # without easing there would be a jump
 
 
+@pytest.mark.long
 def test_a_heavy_foot_is_released_without_a_jump() -> None:
     """CBi fell: a foot in the air got 432 N m, the torque that holds it on the ground."""
     (change,) = measure(hqp.robots.load("cbi"), "torque", ["release"])
@@ -255,6 +258,7 @@ def on_small_soles(robot: Robot) -> Stack:
     return Stack(*whole.levels, subject_to=[*whole.subject_to, *extra, *least])
 
 
+@pytest.mark.long
 def test_a_foot_that_cannot_be_unloaded_keeps_the_change_waiting(robot: Robot) -> None:
     whole, right = on_small_soles(robot), robot.landmarks["soles"][1]
     loop = Loop(robot, whole, "torque")
@@ -344,6 +348,7 @@ class Unserved(View):
         """Nothing is served."""
 
 
+@pytest.mark.long
 def test_every_tick_of_a_change_tells_of_its_own_rows(robot: Robot, tmp_path: Path) -> None:
     """Explain, record and show stacks on the path, although their rows differ from those of the last stack."""
     whole = stack(robot, "torque")
@@ -476,6 +481,7 @@ def test_a_bad_state_in_a_transition_comes_to_rest(robot: Robot) -> None:
         assert loop.go(200, ())[-1].transition == 1.0
 
 
+@pytest.mark.long
 def test_a_change_of_contacts_that_leaves_the_robot_undetermined_is_refused(robot: Robot) -> None:
     run = session(robot, stack(robot, "torque"), hqp.Torque())
     run.step(robot.state())

@@ -31,6 +31,7 @@ def result() -> Comparison:
     return hqp.compare(STACK, hqp.robots.load("cbi"), solvers=SOLVERS)
 
 
+@pytest.mark.long
 def test_every_solver_is_judged_on_the_same_problems(result: Comparison) -> None:
     assert [line.solver for line in result.lines] == list(SOLVERS)
     assert result.levels == ("subject_to", "balance", "hand", "posture")
@@ -98,6 +99,7 @@ def test_references_take_the_place_of_drawn_targets() -> None:
     assert away.lines[0].residuals[1] > 1.0
 
 
+@pytest.mark.long
 def test_blas_takes_one_thread_while_solvers_are_compared() -> None:
     found: list[int] = []
 

@@ -48,11 +48,13 @@ def test_without_compiled_parts_the_first_import_says_so_once() -> None:
     assert "hqp doctor" in result.stderr
 
 
+@pytest.mark.long
 def test_the_warning_is_silenced_by_hqp_pure_and_absent_where_all_is_compiled() -> None:
     assert run(PURE + "import hqp", HQP_PURE="1").stderr == ""
     assert run("import hqp", HQP_PURE="").stderr == ""
 
 
+@pytest.mark.long
 def test_a_checkout_without_compiled_parts_says_how_to_get_them(tmp_path: Path) -> None:
     """As after a plain `pip install .`: Python in the checkout finds ./hqp without its compiled parts."""
     checkout = tmp_path / "checkout"
@@ -78,6 +80,7 @@ def test_a_command_imports_no_other_commands_package() -> None:
     assert not {"hqp.viewer", "hqp.walking", "hqp.lab", "scipy", "pinocchio"} & set(others.split())
 
 
+@pytest.mark.long
 def test_a_reader_that_ends_is_no_traceback() -> None:
     """As in `hqp robots | head -1`."""
     code = "import os, sys\nfrom hqp.__main__ import main\nread, write = os.pipe()\nos.close(read)\n"
@@ -86,6 +89,7 @@ def test_a_reader_that_ends_is_no_traceback() -> None:
     assert (result.returncode, result.stderr) == (0, "")
 
 
+@pytest.mark.long
 def test_without_compiled_parts_a_session_is_refused_with_what_to_do() -> None:
     result = run(
         PURE + "import hqp\nfrom hqp.tasks import Posture\nrobot = hqp.robots.load('cbi')\n"
@@ -101,6 +105,7 @@ def test_without_compiled_parts_a_session_is_refused_with_what_to_do() -> None:
     assert hqp.Controller(Stack(Level(Posture()))).solver.name == "lexicographic"  # type: ignore[union-attr]
 
 
+@pytest.mark.long
 def test_without_compiled_parts_a_command_says_so(tmp_path: Path) -> None:
     stack = tmp_path / "stack.toml"
     stack.write_text(serial.dumps(Stack(Level(Position(frame="r_palm", law=P(5.0)), name="hand"), Level(Posture()))))
@@ -111,6 +116,7 @@ def test_without_compiled_parts_a_command_says_so(tmp_path: Path) -> None:
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.long
 def test_without_compiled_parts_adapters_take_cascade() -> None:
     code = (
         "from hqp.solvers.cascade import Cascade\nworkspace = Cascade.workspace\n"
@@ -125,6 +131,7 @@ def test_without_compiled_parts_adapters_take_cascade() -> None:
     assert "taken" in result.stdout
 
 
+@pytest.mark.long
 def test_without_compiled_parts_conflicts_are_still_found() -> None:
     code = (
         "import numpy as np\nfrom hqp.explanation.conflict import conflict\nfrom hqp.problem import Hierarchy, Rows\n"
@@ -137,6 +144,7 @@ def test_without_compiled_parts_conflicts_are_still_found() -> None:
     assert pure.stdout == run(code).stdout
 
 
+@pytest.mark.long
 def test_the_command_tells_pure_from_native(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["solvers"]) == 0
     assert f"native ({native.instruction_set()})" in capsys.readouterr().out
@@ -146,6 +154,7 @@ def test_the_command_tells_pure_from_native(capsys: pytest.CaptureFixture[str]) 
     ]
 
 
+@pytest.mark.long
 def test_the_environment_chooses_the_kernels() -> None:
     code = "from hqp.__main__ import main\nmain(['solvers'])"
     assert "native (generic)" in run(code, HQP_ISA="generic").stdout
@@ -154,6 +163,7 @@ def test_the_environment_chooses_the_kernels() -> None:
     assert "generic, avx2" in wrong.stderr
 
 
+@pytest.mark.long
 def test_doctor_counts_blas_threads_and_says_how_to_mend() -> None:
     code = "import sys\nfrom hqp.__main__ import main\nsys.exit(main(['doctor']))"
     one = dict.fromkeys(doctor.THREADS, "1")
@@ -194,6 +204,7 @@ def test_doctor_names_a_missing_package_with_its_extra(monkeypatch: pytest.Monke
     assert "pip install scipy" in text
 
 
+@pytest.mark.long
 def test_doctor_knows_what_pyproject_asks_for() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
@@ -318,6 +329,7 @@ ENDS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
 def test_no_report_of_leaks_whatever_ends_the_script(end: str) -> None:
     code = (
@@ -355,6 +367,7 @@ def test_a_rate_or_milliseconds_given_as_a_period_are_refused(dt: float) -> None
         controller.session(robot, meant)
 
 
+@pytest.mark.long
 def test_a_missing_extra_is_named_with_its_install(tmp_path: Path) -> None:
     for module in ("gym", "vector_env"):
         result = run(f"import sys\nsys.modules['gymnasium'] = None\nimport hqp.adapters.{module}")

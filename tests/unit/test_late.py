@@ -89,6 +89,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.05, 0.4])
 @pytest.mark.parametrize(("robot", "kind"), CASES)
 def test_ticks_that_are_cut_leave_commands_calm(robot: str, kind: str, share: float) -> None:

@@ -43,6 +43,7 @@ def test_a_path_that_cannot_be_written_is_refused_first(
     assert kept.read_text() == "of another run"
 
 
+@pytest.mark.long
 def test_results_are_written_if_the_older_run_cannot_be_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

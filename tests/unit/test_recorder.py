@@ -141,6 +141,7 @@ def test_changes_of_stack_are_in_one_file(tmp_path: Path) -> None:
     assert len(replay(recording, "lexicographic").lines) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("every", "agreed"), [(20, 2), pytest.param(4, 10, marks=pytest.mark.slow)])
 def test_replay_tells_who_agrees_and_the_account_over_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int, agreed: int
@@ -170,6 +171,7 @@ def test_replay_tells_who_agrees_and_the_account_over_time(
     assert line.first == recording[4].count
 
 
+@pytest.mark.long
 def test_the_command_needs_no_robot(tmp_path: Path) -> None:
     robot, run, hand = make(hqp.Velocity(), "g1")
     recorder = run.record(ticks=8, on="never", to=tmp_path)

@@ -265,6 +265,7 @@ def test_conflicts_at_torque_level_keep_a_deadline(deadline: float) -> None:
     assert np.percentile(found.cpu, 95) < deadline + 5e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ticks", [20, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_stopped_tick_can_be_explained(ticks: int) -> None:
     robot = hqp.robots.load("g1")

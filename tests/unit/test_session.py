@@ -321,6 +321,7 @@ def test_the_same_task_twice_changes_nothing(robot: Robot) -> None:
     assert np.allclose(*commands, atol=1e-9)
 
 
+@pytest.mark.long
 @WITH_LIMITS
 def test_start_outside_the_limits_comes_back(robot: Robot, solver: str) -> None:
     stack = Stack(Level(Posture(law=P(0.0))), subject_to=[JointLimits()])

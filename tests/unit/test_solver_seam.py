@@ -123,6 +123,7 @@ def test_other_packages_bring_solvers_by_entry_point(monkeypatch: pytest.MonkeyP
     assert loaded.level == 3
 
 
+@pytest.mark.long
 def test_importing_the_solvers_imports_no_back_end() -> None:
     code = (
         "import sys, hqp.solvers; hqp.solvers.available(); hqp.solvers.load('nullspace');"

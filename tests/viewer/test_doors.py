@@ -116,6 +116,7 @@ def test_a_name_that_is_made_to_resolve_here_is_refused(page: Page) -> None:
         assert page.get(query, Host=name).status == 403, name
 
 
+@pytest.mark.long
 def test_two_pages_have_two_ports_and_two_tokens(page: Page) -> None:
     with hqp.view(make_session()) as view:
         other = Page(view.url)
@@ -125,6 +126,7 @@ def test_two_pages_have_two_ports_and_two_tokens(page: Page) -> None:
         assert other.token not in repr(view)
 
 
+@pytest.mark.long
 def test_a_browser_is_opened_with_a_token_that_is_good_once(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
     opened: list[str] = []
@@ -138,6 +140,7 @@ def test_a_browser_is_opened_with_a_token_that_is_good_once(monkeypatch: pytest.
         assert page.get(query, Cookie=given).status == 200  # reload of the tab
 
 
+@pytest.mark.long
 def test_a_host_of_the_network_warns_and_takes_the_password() -> None:
     pytest.importorskip("viser")
     with pytest.warns(NetworkWarning) as caught:
@@ -189,6 +192,7 @@ def test_addresses() -> None:
     assert "secret" not in repr(Doors("127.0.0.1", token="secret", password="secret", once="secret"))
 
 
+@pytest.mark.long
 def test_the_command_prints_an_address_that_opens() -> None:
     pytest.importorskip("viser")
     command = [sys.executable, "-m", "hqp", "view", str(ROOT / "examples/g1.toml"), "--robot", "g1", "--no-browser"]

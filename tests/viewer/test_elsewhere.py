@@ -14,6 +14,7 @@ from hqp.tasks import Posture
 pytest.importorskip("viser")
 
 
+@pytest.mark.long
 def test_a_checkout_in_the_current_folder_is_not_imported(tmp_path: Path) -> None:
     here, script = tmp_path / "checkout", tmp_path / "bin" / "view.py"
     (here / "hqp").mkdir(parents=True)

@@ -52,6 +52,7 @@ def share(robot: Any, foot: Foot, point: Any) -> float:
     return float(np.max(np.abs(tau[columns]) / robot.effort_limit[columns]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", NAMES)
 def test_support_and_planned_zmp_are_within_the_torques_of_the_ankle(name: str, seed: int) -> None:

@@ -32,6 +32,7 @@ def reversals(torques: Any, least: Any) -> float:
     return max(counts) / (DT * len(torques))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "speed", "seed"), [("g1", 0.2, 3), pytest.param("talos", 0.3, 4, marks=pytest.mark.slow)]
 )
@@ -53,6 +54,7 @@ def test_torques_neither_reverse_nor_jump(name: str, speed: float, seed: int) ->
     assert found[math.inf] > 5.0 * REVERSALS, "the noise would not show"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_a_batch_filters_with_the_bits_of_single_walkers(seed: int, tmp_path: Path) -> None:
     """Drawn rates, a world of which is not finite for a tick."""

@@ -16,6 +16,7 @@ from hqp.walking.course import NOISY, Course
 DT = 0.002
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("feels", [True, False])
 def test_loads_without_force_sensors_are_those_that_feet_bear(feels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = hqp.robots.load("talos")
@@ -41,6 +42,7 @@ def test_loads_without_force_sensors_are_those_that_feet_bear(feels: bool, monke
         assert not np.array_equal(given[-1], borne[-2])
 
 
+@pytest.mark.long
 def test_a_walker_with_sensors_gets_an_estimate_without_them_the_truth() -> None:
     walker = Walker(hqp.robots.load("talos"), dt=DT, deadline=np.inf)  # it stands on both
     for sensors in (None, NOISY):

@@ -31,6 +31,7 @@ def load(path: Path) -> Walkers:
     return Walkers.load(path, 1)
 
 
+@pytest.mark.long
 def test_a_field_that_is_missing_or_no_number_is_refused(intact: dict[str, Any], tmp_path: Path) -> None:
     assert not refused(intact, tmp_path / "walker.hqp", load)
     assert not taken(intact, "walker", tmp_path / "walker.hqp", load, UNREAD)

@@ -51,6 +51,7 @@ def with_turned_base(source: Path, folder: Path, turn: float) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("quarters", [(1, 1), (2, 2), (3, 1)])
 @pytest.mark.parametrize("name", ["g1", pytest.param("talos", marks=pytest.mark.slow)])
 def test_turned_frames_of_soles_walk_the_same_way(name: str, quarters: tuple[int, int]) -> None:

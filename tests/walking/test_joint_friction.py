@@ -49,6 +49,7 @@ def walked(path: Path, seed: int = 0) -> tuple[float, float]:
     return ahead, aside
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rubbed", [pytest.param(r, id=name) for name, r in RUBBED.items()])
 def test_a_biped_walks_with_the_friction_of_its_file(rubbed: dict[str, Any], tmp_path: Path) -> None:
     """The way is that without friction; torques that do not overcome it go 0.7 and 0.8 of it."""

@@ -117,6 +117,7 @@ def test_a_biped_without_shapes_is_refused_by_name(tmp_path: Path) -> None:
         loaded(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("waist", [("yaw",), ("roll", "yaw"), ("pitch", "roll", "yaw")])
 def test_joints_between_trunk_and_both_legs_belong_to_no_leg(waist: tuple[str, ...], tmp_path: Path) -> None:
     course_of = pytest.importorskip("hqp.walking.course").Course

@@ -17,6 +17,7 @@ from hqp.walking import Walker
 from hqp.walking.course import Course
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["talos", "g1", "romeo", "icub"])
 def test_feet_are_those_of_the_catalogue(name: str) -> None:
     """Left and right, at any heading of the base, with a level frame and a sole."""
@@ -36,6 +37,7 @@ def test_feet_are_those_of_the_catalogue(name: str) -> None:
             assert len(sole(robot, frame)) >= 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_bent_knees_do_not_turn_a_robot_on_point_feet(seed: int) -> None:
     """A ball below a knee that is bent forwards or backwards does not show which way is ahead."""

@@ -20,6 +20,7 @@ from hqp.walking.keys import Keys
 from hqp.walking.plan import _loads
 
 
+@pytest.mark.long
 def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
     """Stance feet neither slide nor sink, the CoM covers the requested distance, and the walker is unchanged."""
     robot = hqp.robots.load("g1", rotors=True)
@@ -55,6 +56,7 @@ def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
         walker.plan(1.0, fps=0.0)
 
 
+@pytest.mark.long
 def test_frames_are_as_far_apart_as_their_rate_says() -> None:
     """Frames lie on the motion of the ticks, at rates that divide that of the ticks, that do not, and above it."""
     robot = hqp.robots.load("g1", rotors=True)
@@ -73,6 +75,7 @@ def test_frames_are_as_far_apart_as_their_rate_says() -> None:
             np.testing.assert_allclose(q[:3], low[:3] + share * (high[:3] - low[:3]), rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_plan_without_a_step_says_so() -> None:
     walker = Walker(hqp.robots.load("g1", rotors=True))
     assert walker.plan(0.1).remarks == ()
@@ -96,6 +99,7 @@ def test_a_swing_foot_on_the_ground_takes_a_tenth_of_the_weight(side: int, heigh
     assert (found[side], found[1 - side]) == (100.0 * share, 100.0 * (1.0 - share))
 
 
+@pytest.mark.long
 def test_the_command_writes_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["walk", "--robot", "g1", "--seconds", "0.4", "--output", str(tmp_path / "g1.npz")]) == 0
     assert "21 frames" in capsys.readouterr().out

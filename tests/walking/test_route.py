@@ -133,6 +133,7 @@ def test_the_foot_whose_turn_it_is_steps_in_place_first(robot: Any, moment: str,
     assert np.abs(walker.holds[first].xy - wanted[0].xy).max() < 0.01
 
 
+@pytest.mark.long
 def test_a_stop_and_a_velocity_end_a_route(robot: Any) -> None:
     for order in ("stop", "go", "session"):
         walker = made(robot)
@@ -165,6 +166,7 @@ def test_a_stopped_session_does_not_follow(robot: Any) -> None:
     assert "operator" in walker.why[0]
 
 
+@pytest.mark.long
 def test_a_plan_follows_the_route(robot: Any) -> None:
     walker = made(robot)
     wanted = route(np.random.default_rng(3), walker, 3, 0.5)
@@ -176,6 +178,7 @@ def test_a_plan_follows_the_route(robot: Any) -> None:
         assert np.abs(walker.feet[one.side].placed(state).xy - one.xy).max() < 0.01
 
 
+@pytest.mark.long
 def test_a_batch_follows_with_the_bits_of_a_single_walker(robot: Any) -> None:
     single, batch = made(robot), Walkers(made(robot), 2, threads=1)
     wanted = route(np.random.default_rng(5), single, 2, 1.2)

@@ -16,6 +16,7 @@ from hqp.walking.swing import Swing
 from hqp.walking.walker import Walker
 
 
+@pytest.mark.long
 def test_a_foot_pushed_to_the_ground_lands_where_it_was_to_land() -> None:
     robot = hqp.robots.load("g1", rotors=True)
     walker = Walker(robot, deadline=math.inf)

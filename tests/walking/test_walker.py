@@ -229,6 +229,7 @@ def test_it_stands_as_low_as_its_knees_bear(name: str, lower: float) -> None:
         assert state.position(foot.frame)[2] + foot.depth == pytest.approx(0.0, abs=2e-4)
 
 
+@pytest.mark.long
 def test_what_joints_bear_on_one_foot_is_the_balance_of_the_free_base() -> None:
     """The sole's wrench that leaves the base to accelerate away from the ZMP, with all links, gives equal torques."""
     robot = hqp.robots.load("romeo", rotors=True)
@@ -329,6 +330,7 @@ def test_what_is_no_biped_is_refused() -> None:
         Walker(hqp.robots.load("talos"), soles=("left", "right"))
 
 
+@pytest.mark.long
 def test_a_walker_is_as_heavy_as_gravity_makes_it() -> None:
     """With gravity of 6 m/s^2 the walker uses that weight of its own model."""
     robot = hqp.robots.load("g1", rotors=True)

@@ -19,6 +19,7 @@ from tests.scenes.walkers import DT, made
 COMMANDS = ((0.2, 0.0, 0.0), (0.1, 0.03, 0.2), (9.0, 0.0, 0.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_batch_walks_with_the_bits_of_single_walkers(robot: Any, threads: int, tmp_path: Path) -> None:
     """They walk, stop and are halted; states are those of their own models, loads of their own feet."""

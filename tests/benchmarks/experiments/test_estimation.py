@@ -15,6 +15,7 @@ from hqp.robots.on_mujoco import Sensors
 from tests.scenes.mistry2008 import CBI, paper_stack
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sensors", [Sensors(), SENSES])
 def test_base_of_a_standing_robot_from_imu_encoders_and_feet(sensors: Sensors) -> None:
     run = Balance(paper_stack(CBI, GAINS, hand=False), "nullspace", sensors=sensors)

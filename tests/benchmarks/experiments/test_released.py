@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 import hqp
 from benchmarks.sentis2012.experiments.compliance import Compliance, stack
@@ -77,6 +78,7 @@ def test_odometry_follows_the_accelerometer_while_two_wheels_spin() -> None:
     assert np.abs(odometry.spinning(v)[1:]).min() > 1.0
 
 
+@pytest.mark.long
 def test_a_heavier_upper_body_is_not_taken_for_a_payload() -> None:
     """At rest, leaning as on a slope of 7 degrees, with the residuals of statics."""
     robot = hqp.robots.load("dreamer")

@@ -28,6 +28,7 @@ def rows(robot: Robot) -> Callable[[ModuleType, int], list[Check]]:
     return cache(lambda module, states: list(module.checks(robot, states)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("module", "states"),
     [(kinematics, 3), (contacts, 4), (prioritised, 4), (second_order, 3), (theorems, 2), (headline, 4)],
@@ -48,6 +49,7 @@ def test_printed_errata_are_among_the_rows(rows: Callable[[ModuleType, int], lis
     assert all(f"M{number}" in notes for number in (1, 2, 3, 7, 8, 9, 10, 11, 12, 13))
 
 
+@pytest.mark.long
 def test_figure_eight_in_the_loop(robot: Robot) -> None:
     stack = paper_stack(roles(robot), Gains(hand=GAIN))
     recursive = loop.run(robot, "nullspace", 1.0, stack=stack)
