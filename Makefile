@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: paper corpus test-arm bench experiments walking soak test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: paper corpus test-arm bench experiments walking soak test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check style mypy pyright setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -146,12 +146,16 @@ corpus: setup
 	for wheel in $(CORPUS)/*.whl; do $(BIN)/python -m zipfile -e $$wheel $(CORPUS); done
 	HQP_CORPUS=$(CORPUS) $(BIN)/python -m pytest -s -m corpus tests/robots tests/examples
 
-check: setup
+# Style and types; with --jobs 2 side by side.
+check: style mypy pyright
+
+style: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/clang-format --dry-run -Werror $(CPP)
-	$(BIN)/mypy
-	$(BIN)/pyright
+
+mypy pyright: setup
+	$(BIN)/$@
 
 # The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones;
 # plans' files with random damage, 1700 of each of six, and 300 more with a correct hash. Under the thread
