@@ -224,11 +224,11 @@ class Line:
         start = perf_counter()
         if self.transition is not None or self.callbacks.reads or not self.compiled.placed or self.guards.ages:
             return None
-        if type(q) is not np.ndarray or q.dtype is not FLOAT or q.shape != self.layout.q_shape:
+        if not _plain(q, self.layout.q_shape):
             return None
         if v is None:
             v = self.layout.rest
-        elif type(v) is not np.ndarray or v.dtype is not FLOAT or v.shape != self.layout.v_shape:
+        elif not _plain(v, self.layout.v_shape):
             return None
         if type(targets) is not dict or not self.native.aim(targets):
             return None
@@ -367,3 +367,8 @@ class Line:
         if turn.get(None) == get_ident():
             return what(self.guards.count, tick)
         return alone(turn, self, lambda: what(self.guards.count, tick))
+
+
+def _plain(array: Any, shape: tuple[int, ...]) -> bool:
+    """Whether native parts can read an array of that shape where it is."""
+    return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == shape and array.flags.c_contiguous

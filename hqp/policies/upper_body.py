@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec, cross
 from hqp.declare.element import Element
@@ -279,7 +280,12 @@ class UpperBodySession:
         return UpperBodyTick(angles if servos is None else servos.target(tau, angles, v), v, tau, tick)
 
     def over_base(
-        self, state: State, hand: Pose, place: Mat, velocity: Vec | None = None, base: Vec | None = None
+        self,
+        state: State,
+        hand: Pose,
+        place: ArrayLike,
+        velocity: ArrayLike | None = None,
+        base: ArrayLike | None = None,
     ) -> Reference:
         """Reference of one of ``hands`` for a place that base and heading carry:
 
@@ -293,10 +299,11 @@ class UpperBodySession:
         if not state.valid:
             return Reference(hand.name)
         view = View(state, self._base, heading=self.robot.floating)
-        rate = np.zeros(6) if velocity is None else np.array(velocity, float)
+        rate, T = np.zeros(6) if velocity is None else np.array(velocity, float), np.asarray(place, float)
         if base is not None:
-            rate += np.concatenate((base[:3] + cross(base[3:], place[:3, 3]), base[3:]))
-        goal = homogeneous(view.origin + view.rotation @ place[:3, 3], view.rotation @ place[:3, :3])
+            moved = np.asarray(base, float)
+            rate += np.concatenate((moved[:3] + cross(moved[3:], T[:3, 3]), moved[3:]))
+        goal = homogeneous(view.origin + view.rotation @ T[:3, 3], view.rotation @ T[:3, :3])
         return hand.at(goal, velocity=(rate.reshape(2, 3) @ view.rotation.T).ravel())
 
     def _supported(self, state: State, standing: Collection[str] | None) -> list[Reference]:

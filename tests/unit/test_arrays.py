@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,6 +126,33 @@ def test_what_is_out_of_the_ordinary_is_told_as_by_step() -> None:
         same(*both(pair, at, rate, targets))
     with pytest.raises(hqp.errors.ModelError, match="needs q"):
         pair[0].tick(home[:5], v, {})
+
+
+STORED: dict[str, Callable[[Any], Any]] = {
+    "every other number": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
+    "backwards": lambda a: np.ascontiguousarray(a[..., ::-1])[..., ::-1],
+    "a column": lambda a: np.stack([a, a], axis=-1)[..., 0],
+    "by columns": np.asfortranarray,
+    "other bytes": lambda a: a.astype(">f8"),
+    "long": lambda a: a.astype(np.longdouble),
+    "objects": lambda a: a.astype(object),
+    "a list": lambda a: a.tolist(),
+    "readable": lambda a: np.frombuffer(a.tobytes()).reshape(a.shape),
+}
+"""Ways to store the same numbers."""
+
+
+@pytest.mark.parametrize("stored", STORED)
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Torque()])
+def test_the_storage_of_a_tick_does_not_matter(formulation: Any, stored: str) -> None:
+    pair, change = arm(formulation), STORED[stored]
+    q, pose = pair[0].robot.home, circle(pair[0].robot, 0.3)
+    for k in range(4):
+        v = np.linspace(-0.1, 0.1, 6) * k
+        plain = pair[0].tick(q + 0.01 * k, v, {"hand": pose})
+        other = pair[1].tick(change(q + 0.01 * k), change(v), {"hand": change(pose)})
+        np.testing.assert_array_equal(plain.command, other.command)
+        assert plain.status == other.status
 
 
 def test_the_callers_arrays_are_read_and_no_more() -> None:
