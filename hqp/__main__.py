@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import sys
@@ -44,19 +45,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     try:
         status = _command(arguments.command)(arguments)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed: `hqp robots >&-`
+            sys.stdout.flush()
         return status
     except HqpError as error:
         print(f"hqp: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # `hqp robots | head`: nobody reads on
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the remaining output is written at the exit
+        _discard_output()
         return 0
     except OSError as error:  # a file to read or write, a full disk
-        if error.filename is None:
-            raise
-        print(f"hqp: {error.filename}: {error.strerror}", file=sys.stderr)
+        reason = error.strerror or str(error)
+        print(f"hqp: {reason if error.filename is None else f'{error.filename}: {reason}'}", file=sys.stderr)
+        if error.errno == errno.ENOSPC:
+            _discard_output()
         return 2
+
+
+def _discard_output() -> None:
+    """Leave no output to be written at the exit."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _command(name: str) -> Callable[[argparse.Namespace], int]:

@@ -90,6 +90,19 @@ def test_a_reader_that_ends_is_no_traceback() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("output", "status", "told"), [("full", 2, "hqp: No space left on device\n"), ("closed", 0, "")]
+)
+def test_an_output_that_takes_nothing_is_no_traceback(output: str, status: int, told: str) -> None:
+    """As in `hqp robots > /dev/full` and `hqp robots >&-`."""
+    begin = "import os, sys\n" + ("sys.stdout = None\n" if output == "closed" else "")
+    begin += "from hqp.__main__ import main\n"
+    full = "os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n" if output == "full" else ""
+    result = run(begin + full + "sys.exit(main(['robots']))")
+    assert (result.returncode, result.stderr) == (status, told)
+
+
+@pytest.mark.long
 def test_without_compiled_parts_a_session_is_refused_with_what_to_do() -> None:
     result = run(
         PURE + "import hqp\nfrom hqp.tasks import Posture\nrobot = hqp.robots.load('cbi')\n"
