@@ -32,11 +32,11 @@ class Scrubber:
     def __init__(self, motion: Retargeted, *, host: str = "127.0.0.1", port: int = 0, speed: float = 1.0) -> None:
         from hqp.viewer.description import describe_robot
         from hqp.viewer.drawn_robot import DrawnRobot
-        from hqp.web.doors import Doors, address, listening
+        from hqp.web.doors import Doors, address, checked_port, listening
         from hqp.web.serve import serve
 
         self._motion, self._robot, self._speed = motion, motion.robot.copy(), speed
-        doors = Doors(listening(host))
+        port, doors = checked_port(port), Doors(listening(host))
         try:
             self._server = serve(doors, port)
         except ImportError as error:

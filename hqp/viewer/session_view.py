@@ -25,7 +25,7 @@ from hqp.explanation.notes import STATUSES
 from hqp.loop.session import Session, Tick
 from hqp.problem import Hierarchy, Selection
 from hqp.tasks import CollisionAvoidance
-from hqp.web.doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
+from hqp.web.doors import LOOPBACK, NETWORK, Doors, address, checked_port, is_everywhere, is_loopback, listening
 
 from .channel import Channel, Layout
 from .description import StackDescription, describe_robot, describe_stack
@@ -215,7 +215,7 @@ class View:
             import viser  # noqa: F401  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise HqpError("the viewer needs viser and trimesh: pip install 'hqp[view]'") from error
-        self._doors = Doors(listening(host), (host,), self._password)
+        port, self._doors = checked_port(port), Doors(listening(host), (host,), self._password)
         if not is_loopback(self._doors.host):
             warnings.warn(NETWORK, NetworkWarning, stacklevel=4)
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

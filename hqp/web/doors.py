@@ -22,6 +22,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from hqp.errors import HqpError
+from hqp.numbers import number
 
 NETWORK = (
     "A page open to the network is not encrypted: anybody who reads its token or password there has full control. "
@@ -59,6 +60,11 @@ def listening(host: str) -> str:
     except OSError as error:
         raise HqpError(f"the page cannot be served at {host!r}, which is not an address of this machine") from error
     return str(place[0])
+
+
+def checked_port(port: int) -> int:
+    """The port of a page, 0 for any; raises DeclarationError for a number that no port has."""
+    return int(number("page", "port", port, 0, most=65535))
 
 
 def address(host: str, port: int, token: str = "") -> str:

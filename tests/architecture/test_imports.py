@@ -25,7 +25,8 @@ BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadp
 
 FLOORS = (
     {"errors", "markdown", "progress", "tolerances", "user_cache"},
-    {"arrays", "collision_library", "native", "numbers", "sweep", "web"},
+    {"numbers"},
+    {"arrays", "collision_library", "native", "sweep", "web"},
     {"angles", "dlpack", "floating_base", "problem", "shapes"},
     {"solvers", "state_map"},
     {"declare"},

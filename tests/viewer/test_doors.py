@@ -212,3 +212,10 @@ def test_the_command_prints_an_address_that_opens() -> None:
             process.terminate()
             told = process.communicate()[1]
     assert NETWORK in told
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 1.5j, None])
+def test_a_number_that_no_port_has_is_refused_at_once(port: Any) -> None:
+    pytest.importorskip("viser")
+    with pytest.raises(HqpError, match=r"bad port.*at most 65535"):
+        hqp.view(make_session(), port=port)
