@@ -151,11 +151,18 @@ def standing_axes(robot: Any, left: int, right: int) -> Mat:
     """Columns ahead, left and up ``(3, 3)`` in the world at home, by the joints of the left and the right foot.
 
     Left is level along the line from the right hip to the left one, from foot to foot if the hips are in line: neither
-    the axes of the base nor those of the soles matter.
+    the axes of the base nor those of the soles matter.  Raises ModelError for feet that are not side by side, or of one
+    leg.
     """
     robot.state(robot.home).kinematics()
     ways = robot.model.supports[left].tolist(), robot.model.supports[right].tolist()
-    hips = [next(j for j in own if j not in other) for own, other in (ways, ways[::-1])]
+    legs = [[j for j in own if j not in other] for own, other in (ways, ways[::-1])]
+    if not all(legs):
+        names = robot.model.names
+        raise ModelError(
+            f"{robot.name}: {names[left]} and {names[right]} are joints of one leg; needed one on each side"
+        )
+    hips = [leg[0] for leg in legs]
     for one, other in (hips, (left, right)):
         x, y = (robot.data.oMi[one].translation - robot.data.oMi[other].translation)[:2].tolist()
         if np.hypot(x, y) > SOLE:
@@ -194,13 +201,18 @@ def foot_joints(robot: Any) -> tuple[int, int]:
             f"{robot.name}: joints with the lowest collision shapes at home: {names}; "
             "needed one joint on each side: name the soles"
         )
-    ahead = standing_axes(robot, first, second)[:, 0]
-    faced = sum(_bends(robot, *pair, ahead) for pair in ((first, second), (second, first)))
+    return (first, second) if faces(robot, first, second) else (second, first)
+
+
+def faces(robot: Any, left: int, right: int) -> bool:
+    """Return true if a robot faces ahead and these are the joints of its left and its right foot, see ``foot_joints``."""
+    ahead = standing_axes(robot, left, right)[:, 0]
+    faced = sum(_bends(robot, *pair, ahead) for pair in ((left, right), (right, left)))
     if abs(faced) <= 2.0 * BENDS:
-        faced = sum(_toes(robot, joint, ahead) for joint in (first, second))
+        faced = sum(_toes(robot, joint, ahead) for joint in (left, right))
         if abs(faced) <= 2.0 * TOES:
             faced = float(robot.state(robot.home).rotation(_body(robot, 1))[:, 0] @ ahead)
-    return (first, second) if faced > 0.0 else (second, first)
+    return faced > 0.0
 
 
 def _bends(robot: Any, joint: int, other: int, ahead: Vec) -> float:

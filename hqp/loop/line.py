@@ -370,5 +370,5 @@ class Line:
 
 
 def _plain(array: Any, shape: tuple[int, ...]) -> bool:
-    """Whether native parts can read an array of that shape where it is."""
+    """Return true if native parts can read an array of that shape where it is."""
     return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == shape and array.flags.c_contiguous

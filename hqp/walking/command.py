@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, default, unit in (("forward", 0.2, "m/s"), ("left", 0.0, "m/s"), ("turn", 0.0, "rad/s")):
         parser.add_argument(f"--{name}", type=float, default=default, metavar="V", help=f"[{unit}], default {default}")
     parser.add_argument("--seconds", type=float, default=8.0, metavar="S", help="default 8; with --view until Ctrl-C")
-    add_output(parser, "--output", metavar="FILE.npz", help="write q, v and contacts there")
+    add_output(parser, "--output", "-o", metavar="FILE.npz", help="write q, v and contacts there")
     parser.add_argument("--fps", type=float, default=50.0, help="frames a second of the file, default 50")
     parser.add_argument("--view", action="store_true", help="show it in a browser, steered by keys")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.angles import wrapped
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, ModelWarning
 from hqp.estimation.rotations import yaw_of
 from hqp.tasks.polygons import rectangle_in, shrunk
 from hqp.walking.ankle import supporting
@@ -90,15 +91,20 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
 
     Raises DeclarationError for a robot without two soles or a free base, ModelError where no shape touches the ground.
     """
-    from hqp.robots.soles import sole, sole_points, standing_axes
+    from hqp.robots.soles import faces, sole, sole_points, standing_axes
 
     frames = tuple(robot.landmarks.get("soles", ()) if soles is None else soles)
     if len(frames) != 2 or not robot.floating:
         given = frames if robot.floating else "a fixed base"
         raise DeclarationError("walker", "no biped", value=given, allowed="a free base and the frames of two soles")
     feet, home = [], robot.copy().state(robot.home)
-    axes = standing_axes(robot, *(robot.body(robot.frame(frame)) for frame in frames))
-    legs = _legs(robot, frames)
+    legs, joints = _legs(robot, frames), [robot.body(robot.frame(frame)) for frame in frames]
+    axes = standing_axes(robot, *joints)
+    if soles is not None and not faces(robot, *joints):
+        exchanged = (
+            f"knees or toes of {robot.name} face back with {frames[0]} as the left sole and {frames[1]} as the right"
+        )
+        warnings.warn(f"{exchanged}: forward is where they say, or exchange them", ModelWarning, stacklevel=3)
     for side, frame in enumerate(frames):
         corners = sole(robot, frame)
         box = np.array(corners)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ import pytest
 
 import hqp
 from hqp.__main__ import main
-from hqp.errors import DeclarationError, ModelError
-from hqp.robots.soles import feet, sole
+from hqp.errors import DeclarationError, ModelError, ModelWarning
+from hqp.robots.soles import feet, sole, standing_axes
 from hqp.walking import Walker
 from hqp.walking.course import Course
+from hqp.walking.feet import feet_of
 
 
 @pytest.mark.long
@@ -35,6 +37,23 @@ def test_feet_are_those_of_the_catalogue(name: str) -> None:
         for frame in soles:
             assert robot.state(robot.home).rotation(frame)[2, 2] > 0.99
             assert len(sole(robot, frame)) >= 3
+
+
+@pytest.mark.parametrize("name", ["g1", "cbi", "romeo"])
+def test_exchanged_soles_are_told(name: str) -> None:
+    """Exchanged ones are taken, with a warning; both soles of one leg are no biped."""
+    robot = hqp.robots.load(name)
+    left, right = robot.landmarks["soles"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        feet_of(robot, (left, right))
+    with pytest.warns(ModelWarning, match=f"face back with {right} as the left sole"):
+        assert feet_of(robot, (right, left))[0].frame == right
+    with pytest.raises(DeclarationError, match="and not the other sole"):
+        feet_of(robot, (left, left))
+    joint = robot.body(robot.frame(left))
+    with pytest.raises(ModelError, match="joints of one leg"):
+        standing_axes(robot, joint, joint)
 
 
 @pytest.mark.long
