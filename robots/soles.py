@@ -205,7 +205,7 @@ def foot_joints(robot: Any) -> tuple[int, int]:
 
 
 def faces(robot: Any, left: int, right: int) -> bool:
-    """Return true if a robot faces ahead and these are the joints of its left and its right foot, see ``foot_joints``."""
+    """Return true if a robot faces ahead and these are the joints of its left and right foot, see ``foot_joints``."""
     ahead = standing_axes(robot, left, right)[:, 0]
     faced = sum(_bends(robot, *pair, ahead) for pair in ((left, right), (right, left)))
     if abs(faced) <= 2.0 * BENDS:

@@ -64,7 +64,7 @@ def predict(walker: Walker, seconds: float, fps: float, remarks: tuple[str, ...]
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
     """
     seconds = number("plan", "seconds", seconds, 0.0, strict=True, unit="s")
-    fps = number("plan", "fps", fps, 0.0, strict=True, unit="1/s")
+    fps = number("plan", "fps", fps, 0.0, strict=True, most=1e5, unit="1/s")
     robot, dt = walker.robot, walker.dt
     q, v = walker.start, np.zeros(robot.nv)
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
