@@ -7,14 +7,12 @@ import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hqp.declare.price import Price, Priced, as_price, is_exact
 from hqp.declare.robot import Robot
 from hqp.declare.safety import Braking, RateLimits, StateBounds
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning
-from hqp.numbers import set_numbers
+from hqp.numbers import plain, set_numbers
 from hqp.programs.formulation import Formulation, Velocity
 from hqp.solvers import load
 from hqp.solvers.base import Solver
@@ -83,13 +81,12 @@ class Controller:
         """
         from hqp.loop.session import Session
 
-        if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
-            raise DeclarationError("session", "control period dt", value=dt, unit="s", allowed=f"0 < dt <= {SLOWEST:g}")
-        if dt > SLOWEST:
-            raise DeclarationError(
-                "session", f"control period dt; {_likely(dt)}", value=dt, unit="s", allowed=f"0 < dt <= {SLOWEST:g}"
-            )
-        made = Session(self, robot, dt, max_age=max_age, stuck=stuck)
+        period = plain(dt)
+        if period is None or not 0.0 < period <= SLOWEST:
+            likely = f"; {_likely(period)}" if period is not None and SLOWEST < period < math.inf else ""
+            allowed = f"0 < dt <= {SLOWEST:g}"
+            raise DeclarationError("session", f"control period dt{likely}", value=dt, unit="s", allowed=allowed)
+        made = Session(self, robot, period, max_age=max_age, stuck=stuck)
         for note in made.remarks:
             warnings.warn(note.detail, ModelWarning, stacklevel=2)
         return made

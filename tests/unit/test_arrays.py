@@ -142,6 +142,12 @@ STORED: dict[str, Callable[[Any], Any]] = {
 """Ways to store the same numbers."""
 
 
+@pytest.mark.parametrize("dt", [np.float32(0.002), np.array(0.002), np.float64(0.002)], ids=repr)
+def test_the_storage_of_a_period_does_not_matter(dt: Any) -> None:
+    run, _ = arm()
+    assert type(run.controller.session(run.robot.copy(), dt).dt) is float
+
+
 @pytest.mark.parametrize("stored", STORED)
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Torque()])
 def test_the_storage_of_a_tick_does_not_matter(formulation: Any, stored: str) -> None:
