@@ -114,11 +114,8 @@ class StageSearch {
       const double value = row.value(x_.data(), y, n_), over = value - row.upper, under = value - row.lower;
       const double off = larger(-under, over);
       if (off > allowed(row, accurate_, 0.0) + least && off > accurate_ * terms(row, x_.data(), y)) return true;
-      double out = side_[i] == 2  ? 0.0
-                   : side_[i] > 0 ? over
-                   : side_[i] < 0 ? under
-                   : over > 0.0   ? over
-                                  : smaller(under, 0.0);
+      double out = side_[i] == 1 ? over : side_[i] == -1 ? under : over > 0.0 ? over : smaller(under, 0.0);
+      if (row.equal() && side_[i] == 2) out = 0.0;
       if (row.number >= 0) out += open[row.number];
       if (std::abs(out) <= allowed(row, kNoRate, 0.0) + least || own_set_.size() == own_lambda_.size()) continue;
       other_[own_set_.size()] = out;
@@ -335,8 +332,10 @@ class StageSearch {
     rows_->forget_turned();
     cut(0);
     fixed_ = 0;
+    space_.threshold = kOnRow;  // of rows that are missed, however little others leave of them
     for (std::size_t k = 0; k < own_set_.size(); ++k)
       if (add(own_set_[k])) own_lambda_[space_.rank() - 1] = other_[k];
+    space_.threshold = kDirection;
     for (const int i : rest_)
       if (std::find(own_set_.begin(), own_set_.end(), i) == own_set_.end() && add(i))
         own_lambda_[space_.rank() - 1] = 0.0;

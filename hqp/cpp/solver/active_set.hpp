@@ -87,6 +87,12 @@ class ActiveSet {
     problem_.updating = true;
   }
 
+  // An optimum that was judged is uncertain if it is one only because rows count as active near their bounds, and moves
+  // where they are at them.  free (count, n): directions that no level sees.
+  void doubt_rows(const double* free, int count) {
+    if (conditions_.to_bounds(free, count) > kUncertain && !judge_.stands()) state.outcome = Outcome::rank_uncertain;
+  }
+
  private:
   EqualityProblem& problem_ = state.problem;
   BlockExchange exchange_;

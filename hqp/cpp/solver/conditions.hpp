@@ -2,6 +2,8 @@
 // hqp/problem/certify.py.
 #pragma once
 
+#include <algorithm>
+
 #include "nonnegative.hpp"
 #include "null_directions.hpp"
 #include "null_space.hpp"
@@ -152,6 +154,53 @@ struct Conditions {
     for (int r = b.begin; r < b.end; ++r)
       if (is_row(b, r) && state[n + r] != kFixed) take(n + r, t.kind[r] == kEquality);
     fix();
+  }
+
+  // The least motion, of 1 + |x|, that brings the active rows to their bounds and keeps fixed rows, after a verdict.
+  // free (count, n): directions that no level sees, which cost little.
+  double to_bounds(const double* free, int count) {
+    null_space.rank = 0;
+    double* part = g_;
+    const auto bring = [&](int q, double off) {
+      if (!null_space.freedom()) return;
+      unit_row(q, t_);
+      for (int k = 0; k < count; ++k) {
+        const double* z = free + static_cast<std::ptrdiff_t>(k) * n;
+        add_any(t_, z, (1.0 / kRests - 1.0) * dot_any(z, t_, n), n);
+      }
+      const int rank = null_space.rank;
+      const double whole = std::sqrt(dot_any(t_, t_, n));
+      null_space.project(t_);
+      const double length = null_space.length(t_);
+      if (!(length > larger(kOnRow, kRounding * whole))) return;
+      part[rank] = (off + dot_any(t_, part, rank)) / (t_[rank] >= 0.0 ? length : -length);
+      null_space.add(t_, length);
+    };
+    for (const bool off : {true, false})
+      for (int q = 0; q < all; ++q) {
+        if (state[q] == kAhead) continue;
+        const double out = upper(q) == lower(q) || !side[q] ? 0.0 : v[q] - (side[q] > 0 ? upper(q) : lower(q));
+        const bool missing = std::fabs(out) > kRounding * (norm(q) + terms[q]);
+        if (missing == off && (missing || state[q] == kFixed)) bring(q, off ? out / norm(q) : 0.0);
+      }
+    std::copy(part, part + null_space.rank, y_);
+    std::fill(y_ + null_space.rank, y_ + n, 0.0);
+    null_space.lift(y_);
+    for (int k = 0; k < count; ++k) {
+      const double* z = free + static_cast<std::ptrdiff_t>(k) * n;
+      add_any(y_, z, -dot_any(z, y_, n), n);
+    }
+    return std::sqrt(dot_any(y_, y_, n) / (1.0 + dot_any(x, x, n)));
+  }
+
+  // Return true if an inequality exceeds a bound by more than its tolerance of activity, and by no more than another.
+  bool leaves(double most) const {
+    for (int q = 0; q < all; ++q) {
+      if (state[q] == kAhead || upper(q) == lower(q)) continue;
+      const double off = larger(v[q] - upper(q), lower(q) - v[q]);
+      if (off > slop(q) && off * activity <= slop(q) * most) return true;
+    }
+    return false;
   }
 
   // w_k and A_k' w_k at x; the length of w_k.

@@ -32,6 +32,10 @@ class Lexicographic final : public Kernel {
       return;
     }
     set_.solve(options);
+    if (set_.judged && state_.outcome == Outcome::optimal) {
+      const int free = choice_.unseen(problem, options.softness);
+      set_.doubt_rows(choice_.directions(), free);
+    }
     solved_ = set_.judged == 0 && state_.outcome <= Outcome::rank_uncertain;
     answer.outcome = state_.outcome;
     answer.iterations = state_.iterations;
