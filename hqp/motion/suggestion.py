@@ -29,7 +29,7 @@ def suggest_map(robot: Robot) -> SkeletonMap:
 
     Feet and hands are the robot's landmarks ``soles`` and ``palms``, or the links with the lowest collision shapes, and
     the other ends of the tree that are furthest to either side.  A sole's point is in the middle of its link's lowest
-    shapes.  Raises DeclarationError for a robot that has no two legs and two arms.
+    shapes.  Raises DeclarationError for a robot that has no two legs and two arms, or does not stand at home.
     """
     if not robot.floating:
         raise DeclarationError("suggest-map", "a robot whose base is fixed", value=robot.name, allowed="a free base")
@@ -58,6 +58,7 @@ def suggest_map(robot: Robot) -> SkeletonMap:
             elbow, offsets[f"{side}_hand"] = own[-1], tree.offset(hand, reach)
         shoulder = tree.first_apart(own[: own.index(elbow) + 1], hand)
         frames |= {f"{side}_shoulder": tree.frame(shoulder), f"{side}_elbow": tree.frame(elbow), f"{side}_hand": hand}
+        tree.check_standing([frames[f"{side}_{part}"] for part in ("shoulder", "hip", "knee", "sole")])
     offsets |= {f"{side}_sole": at for side, foot in zip(SIDES, feet, strict=True) if (at := _sole(robot, foot))}
     return SkeletonMap(frames, offsets)
 
@@ -100,6 +101,14 @@ class _Tree:
     def place(self, frame: str) -> Vec:
         """Origin of a frame in the axes ahead, left, up ``(3,)`` [m]."""
         return np.asarray(self._state.position(frame) @ self._axes)
+
+    def check_standing(self, frames: list[str]) -> None:
+        """Raise DeclarationError unless each frame is above the next."""
+        heights = [float(self.place(frame)[2]) for frame in frames]
+        if any(one <= other for one, other in pairwise(heights)):
+            allowed = "a home (--home, set_home) with shoulders above hips, hips above knees, knees above soles"
+            value = ", ".join(f"{frame} {height:.2f} m" for frame, height in zip(frames, heights, strict=True))
+            raise DeclarationError("suggest-map", "the robot does not stand at home", value=value, allowed=allowed)
 
     def frame(self, body: int) -> str:
         """A frame at the joint that carries a body, a link rather than the joint's own name."""

@@ -151,6 +151,19 @@ def test_arms_with_and_without_wrists(tmp_path: Path, seed: int) -> None:
         assert body.length("elbow", "hand") == pytest.approx(fore if wrist else 0.8 * fore, abs=1e-2)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_robot_that_does_not_stand_at_home_has_no_map(tmp_path: Path, seed: int) -> None:
+    """Lying on any side or upside down, as models whose y axis is up do."""
+    rng = np.random.default_rng(seed)
+    robot = hqp.robots.load(_humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.05))
+    angle, tilt = rng.uniform(-np.pi, np.pi), rng.uniform(1.5, np.pi)
+    home = robot.home.copy()
+    home[3:7] = [*(np.sin(0.5 * tilt) * np.array([np.cos(angle), np.sin(angle), 0.0])), np.cos(0.5 * tilt)]
+    robot.set_home(home)
+    with pytest.raises(DeclarationError, match="suggest-map"):
+        suggest_map(robot)
+
+
 @pytest.mark.slow
 def test_nothing_is_below_the_floor(tmp_path: Path) -> None:
     path = _humanoid(tmp_path / "somebody.xml", TURNS["ahead"], 0.08)
