@@ -77,9 +77,17 @@ class Carrying(Tracking):
         self.balance = Com(axes="xy", law=law, weight=FIRM, name="balance")
         controller = Controller(self._stack(), Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
         self.session = controller.session(robot, DT)
+        self.pushes = [self._pushes(foot) for foot in self.feet]
         self.moved, self.landing = np.zeros(2), np.zeros(2)
         gravity = float(-robot.gravity[2])
         self.load, self.lift, self.rises = robot.mass * gravity, gravity, float(self.rate[0, 2])
+
+    def _pushes(self, foot: Foot) -> Any:
+        """Acceleration of a foot in the plan ``(T, 6)`` [m/s^2, rad/s^2]."""
+        states = (self.clip.state(at, v) for at, v in zip(self.q, self.v, strict=True))
+        twist = np.array([state.jacobian(foot.frame) @ state.v for state in states])
+        rate: Any = np.gradient(twist, axis=0)
+        return rate * self.fps
 
     def _stack(self) -> Stack:
         """The walker's stack with the CoM for the balance, links apart, and a phase for each foot on its toe."""
@@ -179,7 +187,11 @@ class Carrying(Tracking):
             pose[:3, :3], pose[:3, 3] = told.rotation(frame), told.position(frame)
             pose[:2, 3] += self.moved + self.landing
             pose[2, 3] -= SINK * self.late[side]
-            found.append(stacks.swing[side].at(pose, velocity=told.jacobian(frame) @ told.v))
+            twist, push = told.jacobian(frame) @ told.v, self.pushes[side]
+            if self.late[side] > 0.0:
+                twist[2] -= SINK
+            push = push[i] + since * self.fps * (push[i + 1] - push[i])
+            found.append(stacks.swing[side].at(pose, velocity=twist, acceleration=push))
         return self.session.step(state, *found, phase=phase)
 
     def _toe_load(self, side: int, i: int, since: float, state: Any, zmp: Any, push: Any) -> Any:
