@@ -73,6 +73,7 @@ class Walker {
   static constexpr double kIntegral = 0.5, kMost = 0.03;  // integral of the DCM error: gain [1/s], limit [m s]
   static constexpr double kLeast = 0.015;  // DCM error above which a step corrects its foothold and time [m]
   static constexpr double kCorrection = 1.5, kCreeps = 0.2;  // speed of a goal, and shortly before the landing [m/s]
+  static constexpr double kChases = 0.4;                     // that of a foot that finds no ground in time [m/s]
   static constexpr double kLast = 0.08;                      // remaining time below which the landing time is fixed [s]
   static constexpr double kLongest = 1.6;                    // limit of the landing time as a share of the swing time
   static constexpr double kHurry = 3.0;                      // largest rate of change of the landing time [s/s]
@@ -527,8 +528,9 @@ class Walker {
   // Move the landing of the swing foot, in place and time, to where the DCM is met.
   void adjust(const Vec2& error, const Vec2& ankle) {
     WalkState& s = state_;
-    const double single = s.quick * gait_.single_support, speed = s.T - s.t > kLast ? kCorrection : kCreeps;
+    const double single = s.quick * gait_.single_support;
     double left = std::max(s.T - s.t, 0.0);
+    const double speed = left > kLast ? kCorrection : left > 0.0 ? kCreeps : kChases;
     s.target = s.planned.foothold;
     if (s.edge) {  // inside the sole the ankle leads every error back
       Landing planned = s.planned;
