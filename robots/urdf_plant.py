@@ -58,6 +58,9 @@ def _spec(root: ET.Element, robot: Any) -> Any:
     except ValueError as error:
         raise ModelError(f"{robot.source}: MuJoCo cannot read it: {error}") from error
     if robot.floating and robot.model.names[1] not in [joint.name for joint in spec.joints]:
+        if root.find("link[@name='world']") is not None:
+            remedy = "remove it and the joint that fixes the robot to it"
+            raise ModelError(f"{robot.source}: MuJoCo takes its link 'world' for the ground, not for a base; {remedy}")
         free = spec.worldbody.first_body().add_freejoint()
         free.name = robot.model.names[1]
     free_frames(spec, robot)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import hqp.robots
-from hqp.errors import DeclarationError, ModelWarning
+from hqp.errors import DeclarationError, ModelError, ModelWarning
 from hqp.robots.on_mujoco import Plant, Servo
 from hqp.robots.physical import LIGHT, make_physical
 from hqp.walking.feet import feet_of
@@ -145,6 +145,28 @@ def test_root_that_was_freed_on_loading_is_free_in_the_plant() -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
+def test_a_freed_link_named_world_is_refused(tmp_path: Path) -> None:
+    """MuJoCo takes it for the ground and frees the next link: states were off by the joint between both."""
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    path = tmp_path / "hung.urdf"
+    for name, refused in (("world", True), ("pelvis", False)):
+        path.write_text(
+            f'<robot name="hung"><link name="{name}">{"" if refused else inertial}</link>'
+            f'<joint name="hung" type="fixed"><parent link="{name}"/><child link="body"/><origin xyz="0 0 1"/></joint>'
+            f'<link name="body">{inertial}</link>'
+            '<joint name="arm" type="revolute"><parent link="body"/><child link="hand"/><axis xyz="1 0 0"/>'
+            f'<limit lower="-1" upper="1" effort="9" velocity="9"/></joint><link name="hand">{inertial}</link></robot>'
+        )
+        robot = hqp.robots.load(path, floating=True)
+        if refused:
+            with pytest.raises(ModelError, match="link 'world'"):
+                Plant(robot)
+            continue
+        plant = Plant(robot)
+        q, _ = plant.reset()
+        np.testing.assert_allclose(plant.com(), robot.state(q).com(), atol=1e-9)
+
+
 def test_every_robot_of_the_catalogue_has_a_plant() -> None:
     for name in hqp.robots.names():
         q, _ = Plant(hqp.robots.load(name)).reset()
