@@ -18,12 +18,14 @@ NOISE = 0.12
 class RateObserver:
     """Rates of joints without their noise and without the lag of a low-pass filter, a Luenberger observer.
 
-    A share of the measured rate corrects the rate predicted from the last command,
+    A share s of the measured rate corrects the rate predicted from the last command and an acceleration a that no model
+    knows, as that of a load or a soft contact:
 
-        v = v+ + (1 - exp(-bandwidth period)) (v_measured - v+),    v+ = v + period qdd(tau),
+        v = v+ + s (v_measured - v+),    a += s^2 / (2 period) (v_measured - v+),
+        v+ = v + period (qdd(tau) + a),    s = 1 - exp(-bandwidth period),
 
-    so a command changes from tick to tick by that share of the noise times its gains.  The base's twist stays as
-    measured.
+    so a command changes from tick to tick by s times the noise times its gains.  The poles are those of a Butterworth
+    filter.  The base's twist stays as measured.
 
     period [s].  bandwidth [1/s]: errors of v+, as after an impact, fade at this rate; above the gains of contacts, for
     stability.  most [rad/s, m/s]: largest difference between estimate and measurement.

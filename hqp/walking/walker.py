@@ -53,9 +53,9 @@ STEEPEST = 0.5
 """Steepest ground, as a share of the angle of friction: a steeper sole has rolled over an edge, and its normal would
 keep the weight out of the friction cone."""
 
-BANDWIDTH = 50.0
-"""Bandwidth with which rates follow measured ones [1/s]: at 100 noise of 0.02 rad/s reverses Talos's torques 21 times a
-second, at 30 G1 falls at 0.5 m/s."""
+BANDWIDTH = 40.0
+"""Bandwidth with which rates follow measured ones [1/s]: at 50 CBi's torques reverse 16 times a second at 0.15 m/s, at 30
+iCub's 24 times, for 12 and 18."""
 
 LIMITS = JointLimits(acceleration=60.0, braking=60.0)
 """Limits above the legs: at 1000 rad/s^2 waist and arms are thrown about if a sole bounds the balance."""

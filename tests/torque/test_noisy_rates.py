@@ -87,10 +87,31 @@ def test_it_follows_what_the_model_knows_without_lag() -> None:
         tick = session.step(robot.state(q, estimate), posture.at(goal))
         q, v = robot.integrate(q, v, DT), v + DT * session.program.acceleration(tick.solution.x)  # type: ignore[attr-defined,union-attr]
     share = 1.0 - math.exp(-100.0 * DT)
-    expected = NOISE * math.sqrt(share / (2.0 - share))
+    learns = 0.5 * share**2
+    power = (2.0 * share**2 + learns * (2.0 - 3.0 * share)) / (
+        share * (4.0 - 2.0 * share - learns)
+    )  # alpha-beta filter
+    expected = NOISE * math.sqrt(power)
     assert np.std(off[50:]) == pytest.approx(expected, rel=0.2)
     assert np.abs(np.mean(off[50:], axis=0)).max() < 0.5 * expected
     assert np.abs(v).max() > 0.01
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_learns_accelerations_that_the_model_lacks(seed: int) -> None:
+    """Drawn ones, up to 10 rad/s^2, as of a load or a soft contact: 0.1 rad/s off before, and always to one side."""
+    rng = np.random.default_rng(seed)
+    robot = hqp.robots.load("panda")
+    bandwidth = float(rng.uniform(30.0, 100.0))
+    observer, v = RateObserver(robot, DT, bandwidth=bandwidth), np.zeros(robot.nv)
+    unknown = rng.uniform(-10.0, 10.0, robot.nv)
+    for _ in range(round(20.0 / bandwidth / DT)):
+        found = observer.correct(v)
+        observer.expect(found)
+        v = v + DT * unknown
+    assert np.abs(observer.correct(v) - v).max() < 1e-3
+    observer.forget()
+    np.testing.assert_array_equal(observer.correct(v), v)
 
 
 def test_what_is_wrong_is_told() -> None:

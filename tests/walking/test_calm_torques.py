@@ -41,16 +41,16 @@ def test_torques_neither_reverse_nor_jump(name: str, speed: float, seed: int) ->
     course_of = pytest.importorskip("hqp.walking.course").Course
     robot = hqp.robots.load(name, rotors=True)
     limit, found = robot.effort_limit[robot.actuated], {}
-    for bandwidth in (50.0, math.inf):
+    for bandwidth in (40.0, math.inf):
         walker = Walker(robot.copy(), dt=DT, bandwidth=bandwidth, deadline=math.inf)
         course = course_of(walker, seed=seed)
         walker.go(speed)
         torques = np.array([course.step().command.copy() for _ in range(round(3.0 / DT))])
         assert not course.fallen
         found[bandwidth] = reversals(torques, LEAST * limit)
-        if bandwidth == 50.0:
+        if bandwidth == 40.0:
             assert np.abs(np.diff(torques, axis=0)).max() < STEP
-    assert found[50.0] < REVERSALS
+    assert found[40.0] < REVERSALS
     assert found[math.inf] > 5.0 * REVERSALS, "the noise would not show"
 
 
@@ -87,7 +87,7 @@ def test_rates_of_the_model_are_taken_as_they_are(seed: int) -> None:
     noisy = v + 0.02 * rng.normal(size=v.size)
     found = walker.step(walker.robot.state(q, noisy)).state.v
     np.testing.assert_array_equal(found[:3], noisy[:3])
-    np.testing.assert_allclose(found[3:] - v[3:], (1.0 - math.exp(-50.0 * DT)) * (noisy - v)[3:], atol=1e-9)
+    np.testing.assert_allclose(found[3:] - v[3:], (1.0 - math.exp(-40.0 * DT)) * (noisy - v)[3:], atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
