@@ -223,12 +223,12 @@ def _bends(robot: Any, joint: int, other: int, ahead: Vec) -> float:
         return 0.0
     name, bend = knee(robot, [model.names[j] for j in own], robot.home)
     column = int(robot.joints([name])[0])
-    middle = 0.5 * (robot.lower[column] + robot.upper[column])
-    if not np.isfinite(middle):
+    low, high = robot.lower[column], robot.upper[column]
+    if not np.isfinite([low, high]).all():
         return 0.0
     state = robot.state(robot.home)
     way = state.jacobian(model.names[own[-1]])[:3, column] @ ahead
-    return float(-np.sign(way) * (middle - state.angles[column] + bend))
+    return float(-np.sign(way) * (0.5 * (low + high) - state.angles[column] + bend))
 
 
 def _toes(robot: Any, joint: int, ahead: Vec) -> float:

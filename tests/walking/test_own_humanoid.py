@@ -82,6 +82,19 @@ def test_links_do_not_push_each_other_apart_at_the_start(name: str) -> None:
     assert np.linalg.norm(course.plant.com() - begun) < 5e-3
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("free", [(True, True), (True, False), (False, True)])
+def test_knees_without_limits_do_not_show_which_way_is_ahead(free: tuple[bool, bool]) -> None:
+    """A lower, an upper limit or both are missing: numpy warned of inf - inf in place of a walk."""
+    robot = hqp.robots.load("g1")
+    for side in ("left", "right"):
+        column = int(robot.joints([f"{side}_knee_joint"])[0])
+        robot.lower[column], robot.upper[column] = np.where(free, (-np.inf, np.inf), (-0.1, 2.8))
+    frames = robot.landmarks["soles"]
+    found = [robot.model.frames[robot.frame(frame)].parentJoint for frame in feet(robot)[1]]
+    assert found == [robot.model.frames[robot.frame(frame)].parentJoint for frame in frames]
+
+
 def test_a_robot_whose_base_is_below_its_links_has_no_feet() -> None:
     """Baxter's pedestal stands on the floor; its lowest other links are its shoulders."""
     with pytest.raises(ModelError, match="base is below"):
