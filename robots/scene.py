@@ -70,7 +70,10 @@ def _sky_and_light(spec: Any) -> None:
 
 
 def _let_go(spec: Any, planes: set[str]) -> None:
-    """Delete the contact pairs with these planes; their other geoms touch the ground by its contact bit."""
+    """Delete sensors and contact pairs of these planes; other geoms of pairs touch the ground by its contact bit."""
+    for sensor in list(spec.sensors):
+        if not (planes - {""}).isdisjoint((sensor.objname, sensor.refname)):
+            spec.delete(sensor)
     for pair in list(spec.pairs):
         ends = (pair.geomname1, pair.geomname2)
         if planes.isdisjoint(ends):

@@ -64,6 +64,20 @@ def test_shapes_that_touch_by_contact_pairs_are_soles_and_stand(tmp_path: Path) 
     assert load == pytest.approx(course.walker.weight, rel=0.1)
 
 
+def test_sensors_of_the_files_floor_leave_with_it(tmp_path: Path) -> None:
+    """Files for training measure between feet and floor, which the plant's ground replaces: MuJoCo missed the name."""
+    plant_of = pytest.importorskip("hqp.robots.on_mujoco").Plant
+    path = biped(tmp_path, pairs=True)
+    text = path.read_text()
+    foot = text.split('_s" type="box"')[0].rpartition('"')[2] + "_s"
+    sensors = f'<sensor><distance name="gap" geom1="{foot}" geom2="floor"/><clock name="time"/></sensor></mujoco>'
+    path.write_text(text.replace("</mujoco>", sensors))
+    model = plant_of(hqp.robots.load(path)).model
+    names = [model.sensor(k).name for k in range(model.nsensor)]
+    assert "time" in names
+    assert "gap" not in names
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_feet_are_loaded_alike_whatever_solver_the_file_allows(seed: int, tmp_path: Path) -> None:
     """Files for training have few iterations, which no contact of a stance converges in: feet chatter."""
