@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import hqp.robots
 from hqp import _session
@@ -15,7 +16,7 @@ from hqp.walking import Walker
 from hqp.walking.swing import FALLS
 
 DT = 0.002
-SHIFT, SWING = 1, 2
+STAND, SHIFT, SWING = 0, 1, 2
 TAKE = _session.Walker.TAKE
 
 
@@ -153,6 +154,30 @@ def test_a_foot_over_a_hole_follows_the_dcm() -> None:
         robot.until(SHIFT)
         left.append(robot.error / depth)
     assert np.mean(left) < 0.55
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_it_comes_to_stand_only_if_its_ankles_lead_the_dcm_back(seed: int) -> None:
+    """Drawn pushes ahead or back in the last step throw the DCM out of the support: then it steps once more."""
+    rng = np.random.default_rng(seed)
+    name = ROBOTS[seed % 2]
+    heading = float(rng.uniform(-3.1, 3.1))
+    robot = Narrow(name, heading, float(rng.uniform(0.05, 0.15)))
+    walker = Walker(hqp.robots.load(name, rotors=True), dt=DT, deadline=math.inf)
+    for phase in (SWING, SHIFT, SWING):
+        robot.until(phase)
+    robot.native.stop()
+    robot.until(SHIFT)
+    robot.until(SWING, float(rng.uniform(0.8, 0.95)))
+    angle = heading + float(rng.choice([0.0, math.pi]) + rng.uniform(-0.2, 0.2))
+    robot.velocity[:2] += float(rng.uniform(0.15, 0.3)) * np.array([math.cos(angle), math.sin(angle)])
+    robot.until(STAND)
+    corners = []
+    for pose, foot in zip(robot.soles, walker.feet, strict=True):
+        place, turn = np.array(pose[:3]), np.array(pose[3:]).reshape(3, 3)
+        corners += [(place + turn @ [*corner, 0.0])[:2] for corner in foot.support]
+    hull = ConvexHull(np.array(corners)).equations
+    assert (hull @ [*robot.state.capture_point, 1.0]).max() < 3e-3, "it stands and falls"
 
 
 @pytest.mark.parametrize(("name", "heading", "speed", "share"), draws(4))

@@ -272,11 +272,19 @@ class Walker {
       s.share = static_cast<double>(1 - side);  // the other foot still bears it all
       s.stepped = true, s.wait = 0.0;
       if (routed() && next_ == route_.size()) s.walking = false, s.pace = {}, end_route();
-      const bool last = !s.walking && s.pace == Command();
+      const bool last = !s.walking && s.pace == Command() && stays(side);
       const double most = std::max(s.T - s.t, 0.0);
       enter(last ? WalkPhase::kStand : WalkPhase::kShift, doubled(s.quick, last));
       if (loads) pause(most);
     }
+  }
+  // True if the ankles of both feet lead the DCM back, or no step does: it is beside the foot that has landed.
+  bool stays(int side) {
+    support_->stand(true, true);
+    const Vec2 off = state_.capture_point - support_->nearest(state_.capture_point);
+    if (std::hypot(off.x, off.y) < 1e-6) return true;
+    const Vec2 seen = turned_back(state_.holds[side].yaw, off);
+    return Footsteps::outwards(side) * seen.y > std::fabs(seen.x);
   }
   // Begin the shift after a landing later, by at most some time, or do it faster, so that the DCM is least off its
   // plan.
