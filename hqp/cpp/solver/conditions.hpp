@@ -178,7 +178,7 @@ struct Conditions {
     };
     for (const bool off : {true, false})
       for (int q = 0; q < all; ++q) {
-        if (state[q] == kAhead) continue;
+        if (state[q] == kAhead || (!off && !null_space.rank)) continue;
         const double out = upper(q) == lower(q) || !side[q] ? 0.0 : v[q] - (side[q] > 0 ? upper(q) : lower(q));
         const bool missing = std::fabs(out) > kRounding * (norm(q) + terms[q]);
         if (missing == off && (missing || state[q] == kFixed)) bring(q, off ? out / norm(q) : 0.0);
