@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import sys
 import weakref
@@ -11,7 +10,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from functools import cache
-from numbers import Real
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -23,6 +21,7 @@ from hqp.declare.plans import Plan
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
+from hqp.numbers import set_numbers
 
 Quantity: TypeAlias = Literal["motion", "force", "effort", "load"]
 
@@ -80,8 +79,7 @@ class Element(ABC):
             value = getattr(self, item.name)
             if isinstance(value, int) and abs(value) > sys.float_info.max:
                 raise self.invalid(item.name, "a whole number of more than 308 digits", "a finite number")
-        if not isinstance(self.weight, Real) or not 0.0 < self.weight < math.inf:
-            raise self.invalid("weight", self.weight, "a positive finite number")
+        set_numbers(self, self.owner, ("weight",), 0.0, strict=True)
         if self.law is not None and not isinstance(self.law, Law):
             raise self.invalid("law", self.law, "P(...) or PD(...)")
         object.__setattr__(self, "when", phase_names(self.name, self.when))

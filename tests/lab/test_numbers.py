@@ -37,7 +37,7 @@ BAD = [0.0, -1.0, math.nan, math.inf]
 )
 def test_numbers_that_are_not_positive_and_finite_are_refused(call: object, name: str, value: float) -> None:
     stack = hqp.serial.load(ROOT / "examples/ur5.toml")
-    with pytest.raises(DeclarationError, match=f"{name} .*a positive finite number"):
+    with pytest.raises(DeclarationError, match=f"{name} .*a finite number above 0"):
         call(stack, None, **{name: value})  # type: ignore[operator]
 
 

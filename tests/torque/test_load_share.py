@@ -109,7 +109,7 @@ def test_what_is_no_share_is_refused_or_told(robot: Robot) -> None:
     for wrong in (("a",), ("a", "a"), "ab", ("a", 3)):
         with pytest.raises(DeclarationError, match="two contacts"):
             LoadShare(contacts=wrong)  # type: ignore[arg-type]
-    with pytest.raises(DeclarationError, match="from 0 to 1"):
+    with pytest.raises(DeclarationError, match="from 0 up, at most 1"):
         LoadShare(contacts=SOLES, share=1.5)
     with pytest.raises(DeclarationError, match="share"):
         SHARE.at([0.1, 0.2])
