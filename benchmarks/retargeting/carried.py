@@ -83,8 +83,9 @@ class Carrying(Tracking):
         self.load, self.lift, self.rises = robot.mass * gravity, gravity, float(self.rate[0, 2])
 
     def _pushes(self, foot: Foot) -> Any:
-        """Acceleration of a foot's place in the plan ``(T, 6)`` [m/s^2]: that of its turn, 100 rad/s^2, outweighs the
-        balance if a sole bounds both.
+        """Acceleration of a foot's place in the plan ``(T, 6)`` [m/s^2], zero for its turn.
+
+        Turns of 100 rad/s^2 would outweigh the balance if a sole bounds both.
         """
         states = (self.clip.state(at, v) for at, v in zip(self.q, self.v, strict=True))
         twist = np.array([state.jacobian(foot.frame) @ state.v for state in states])

@@ -85,7 +85,7 @@ def overlap(one: Mat, other: Mat, way: Vec) -> float:
 def aside(path: Mat, outlines: list[Mat], others: list[Mat], ways: Mat) -> Mat:
     """A path between two stances ``(n, 3)``, moved aside so that its outlines pass by those of the other leg.
 
-    outlines: of the leg about its place, frame by frame.  others: of the other leg.  ways ``(n, 2)``: away from it.
+    outlines: the leg about its place in each frame.  others: the other leg.  ways ``(n, 2)``: away from it.
     The shift is 0 and at rest at both ends, and largest half way.
     """
     s = (np.arange(len(path)) + 1.0) / (len(path) + 1.0)

@@ -130,7 +130,7 @@ def _top(robot: Robot, found: SkeletonMap, side: str, axes: Mat) -> float:
     state.kinematics()
     place, turn = robot.bodies[robot.body(robot.frame(frame))][5]
     own, at = state.rotation(frame), state.position(frame)
-    up = axes[2] @ own.T  # of the world, with the sole level
+    up = axes[2] @ own.T  # up in the world, with the sole level
     heights = (((place + corners @ turn.T - at) @ up).max() + radius for corners, radius in swept(robot, frame))
     return max((0.0, *(float(height - axes[2] @ offset) for height in heights)))
 

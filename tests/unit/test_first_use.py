@@ -94,7 +94,7 @@ def test_a_reader_that_ends_is_no_traceback() -> None:
     ("output", "status", "told"), [("full", 2, "hqp: No space left on device\n"), ("closed", 0, "")]
 )
 def test_an_output_that_takes_nothing_is_no_traceback(output: str, status: int, told: str) -> None:
-    """As in `hqp robots > /dev/full` and `hqp robots >&-`."""
+    """Run `hqp robots > /dev/full` and `hqp robots >&-`."""
     begin = "import os, sys\n" + ("sys.stdout = None\n" if output == "closed" else "")
     begin += "from hqp.__main__ import main\n"
     full = "os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n" if output == "full" else ""

@@ -332,7 +332,7 @@ class StageSearch {
     rows_->forget_turned();
     cut(0);
     fixed_ = 0;
-    space_.threshold = kOnRow;  // of rows that are missed, however little others leave of them
+    space_.threshold = kOnRow;  // missed rows count, however little other rows leave of them
     for (std::size_t k = 0; k < own_set_.size(); ++k)
       if (add(own_set_[k])) own_lambda_[space_.rank() - 1] = other_[k];
     space_.threshold = kDirection;

@@ -73,7 +73,7 @@ class Walker {
   static constexpr double kIntegral = 0.5, kMost = 0.03;  // integral of the DCM error: gain [1/s], limit [m s]
   static constexpr double kLeast = 0.015;  // DCM error above which a step corrects its foothold and time [m]
   static constexpr double kCorrection = 1.5, kCreeps = 0.2;  // speed of a goal, and shortly before the landing [m/s]
-  static constexpr double kChases = 0.4;                     // that of a foot that finds no ground in time [m/s]
+  static constexpr double kChases = 0.4;                     // speed of a goal without ground at the landing time [m/s]
   static constexpr double kLast = 0.08;                      // remaining time below which the landing time is fixed [s]
   static constexpr double kLongest = 1.6;                    // limit of the landing time as a share of the swing time
   static constexpr double kHurry = 3.0;                      // largest rate of change of the landing time [s/s]
