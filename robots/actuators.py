@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from hqp.errors import DeclarationError, JointNotFound
 from hqp.numbers import number, set_numbers
 
@@ -47,6 +49,26 @@ class Servo:
         kp |= table.get("kp_joints", {})
         return cls(kp=kp, other=table["other"], damping_time=table["damping_time"])
 
+    @classmethod
+    def stiff(cls, robot: Any, bandwidth: float = 20.0) -> Servo:
+        """Servos of a bandwidth omega [rad/s] for any robot: kp = I omega^2, critically damped.
+
+        I is the inertia at home about the joint's axis [kg m^2, kg]: of all that the joint carries, or of the body
+        above if that is larger and the joint is in a leg, between a free base and one of the soles in the landmarks.
+        """
+        state = robot.state(robot.home)
+        A = state.mass_matrix()
+        inertia = np.diagonal(A).copy()
+        soles = robot.landmarks.get("soles", ()) if robot.floating else ()
+        for sole in soles:
+            legs = robot.support(robot.model.getFrameId(sole)) > 0.0
+            # M_bb is the inertia of the whole robot: turning about an axis s it is s^T M_bb s.
+            axes = np.linalg.lstsq(robot.joint_twists[:, :6], robot.joint_twists, rcond=None)[0]
+            above = np.einsum("ij,ij->j", axes, A[:6, :6] @ axes) - np.diagonal(A)
+            inertia[legs] = np.maximum(inertia, above)[legs]
+        kp = bandwidth**2 * inertia[robot.actuated]
+        return cls(kp=dict(zip(robot.joint_names, kp.tolist(), strict=True)), damping_time=2.0 / bandwidth)
+
 
 def fit(
     spec: Any,
@@ -61,7 +83,7 @@ def fit(
     none.  tendons: coefficients of the joints that a motor pulls and its largest torque, by its joint.  One actuator
     a joint is kept, those of other tendons, sites and bodies go.  Limits are kept: the actuator's force range, a plain
     motor's control range, or the joint's force range.  ``native`` leaves everything as the file has it.  Raises
-    JointNotFound for a wanted joint that the file lacks, DeclarationError for servos without gains or on tendons.
+    JointNotFound for a wanted joint that the file lacks, DeclarationError for servos on tendons.
     """
     joints = {joint.name: joint for joint in spec.joints}
     if actuation == "native":
@@ -115,8 +137,7 @@ def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, ser
         actuator.ctrlrange, actuator.ctrllimited = effort, limited
         actuator.forcelimited = no
     else:
-        if servo is None:
-            raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...), or torques")
+        assert servo is not None
         kp = servo.gain(name)
         _set_force(actuator, kp, (kp, servo.damping_time * kp))
         actuator.ctrllimited = no

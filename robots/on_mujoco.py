@@ -57,9 +57,9 @@ class Plant:
     robot: the Robot that controls, or a pinocchio.Model; states and commands are in its order.  mjcf: a path, or the
     stem of one of our own files (``cbi``, ``dreamer``, ``dreamer_rollers``); by default our own of the robot's name,
     else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.  actuation: ``torque``,
-    ``position`` (servos with the gains of ``servo``), or ``native``, the file's own actuators.  terrain: the ground,
-    which takes the place of planes in the file, None to keep those.  timestep, delay: duration of a step, and delay
-    from command to motor [s].  armature: reflected rotor inertia by joint or group [kg m^2] in place of the default
+    ``position`` (servos with the gains of ``servo``, by default of the robot's description, else
+    ``Servo.stiff(robot)``), or ``native``, the file's own actuators.  terrain: the ground, which takes the place of
+    planes in the file, None to keep those.  timestep, delay: duration of a step, and delay from command to motor [s].  armature: reflected rotor inertia by joint or group [kg m^2] in place of the default
     (our own models, and URDF files, which have no word for it: rotor inertia of the robot's model, else min(0.01,
     effort limit / 5000)) or the file's; ``plant.armature`` has the value of each joint.  imu: a frame of the root body.
     watched: frames whose ground contact is measured, each with the links that are fixed to its own and all that hangs
@@ -92,6 +92,8 @@ class Plant:
             raise DeclarationError("plant", "unknown actuation", value=actuation, allowed=allowed)
         spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
+        if actuation == "position" and self.servo is None:
+            self.servo = Servo.stiff(robot)
         driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None), _tendons(robot))
         inertia = _armature(robot, path, about) if armature is None else armature
         set_armature(spec, inertia, {**about.get("groups", {}), **getattr(robot, "groups", {})})

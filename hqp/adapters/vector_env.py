@@ -24,8 +24,8 @@ class VectorEnv(WorldsEnv):
     action = (offset of each target, in the order given) ``(num_envs, n)``, within ``reach`` [m, rad].  robot:
     floating or fixed, joints of one axis.  targets: names of elements whose references are numbers (Position, Com).
     Other arguments: ``WorldsEnv``, which begins at home.  At velocity and acceleration level position servos carry out
-    the commands: the base is measured, joints are as commanded; servo: their gains, by default those of the robot's
-    description.  Raises DeclarationError for another target or servos without gains, and the errors of ``WorldsEnv``.
+    the commands: the base is measured, joints are as commanded; servo: their gains, by default those of the
+    ``Plant``.  Raises DeclarationError for another target, and the errors of ``WorldsEnv``.
     """
 
     def __init__(

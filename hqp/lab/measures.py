@@ -169,6 +169,6 @@ def reversals(commands: Mat, dt: float) -> float:
     change = np.diff(commands, axis=0)
     if len(change) < 2:
         return 0.0
-    change[np.abs(change) < 1e-6 * max(float(np.abs(change).max()), 1e-9)] = 0.0
+    change[np.abs(change) < 1e-6 * max(float(np.abs(change).max(initial=0.0)), 1e-9)] = 0.0
     turns = (change[1:] * change[:-1] < 0.0).sum(axis=0)
-    return float(turns.max() / (len(change) * dt))
+    return float(turns.max(initial=0) / (len(change) * dt))

@@ -160,6 +160,27 @@ def test_mujoco_carries_out_velocities(robot) -> None:
     assert found["lexicographic"].certified == 1.0
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("name", ["ur5", "xarm7", "baxter", "romeo", "iris", "solo12"])
+def test_robots_without_gains_run_in_mujoco(name: str, order: int) -> None:
+    pytest.importorskip("mujoco")
+    robot = hqp.robots.load(name)
+    soles = robot.landmarks.get("soles", ())
+    law = hqp.P(5.0) if order == 1 else hqp.PD(25.0, 10.0)
+    hand = Position(frame=robot.landmarks.get("palms", robot.frame_names[-1:])[0], law=law)
+    feet = [FixedContact(frame=sole) for sole in soles]
+    above = [Level(Com(axes="xy", law=law))] if soles else []
+    stack = Stack(*above, Level(hand), subject_to=[JointLimits(), *feet])
+    formulation = hqp.Velocity() if order == 1 else hqp.Acceleration()
+    found = hqp.bench(stack, robot, formulation=formulation, plant="mujoco", seconds=0.5, trajectory="hold")
+    (run,) = found.runs
+    assert set(run.statuses) == {"OPTIMAL"}
+    if not robot.floating:
+        assert found["lexicographic"].off[hand.name] < 1e-3
+    assert found["lexicographic"].drift < 0.01
+
+
 def test_trajectories_from_files_and_functions(robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "hand.csv"
     file.write_text("t,r_palm.0,r_palm.1,r_palm.2\n0,0.3,-0.2,0.9\n1,0.5,-0.2,1.1\n")
