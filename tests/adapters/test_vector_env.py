@@ -95,5 +95,3 @@ def test_targets_that_are_no_vectors_are_refused() -> None:
     hand = t.Pose(frame="tool0", name="hand")
     with pytest.raises(DeclarationError, match="not a vector"):
         VectorEnv(hqp.Controller(Stack(Level(hand))), robot, ("hand",), 2)
-    with pytest.raises(DeclarationError, match="needs gains"):
-        VectorEnv(hqp.Controller(Stack(Level(t.Posture(name="posture")))), robot, ("posture",), 2)

@@ -196,6 +196,7 @@ def test_a_table_keeps_bars_inside_cells() -> None:
     assert report.table(("a",), [("|w|",)]).splitlines()[2] == r"| \|w\| |"
 
 
+@pytest.mark.long
 def test_passed_stands_above_no_missed_goal(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

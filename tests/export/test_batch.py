@@ -39,6 +39,7 @@ def run(session: hqp.Session, threads: int, ticks: int = 12) -> list[tuple[np.nd
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_the_number_of_threads_changes_no_bit(formulation: str) -> None:
     session, _ = scene("g1", formulation)

@@ -90,6 +90,7 @@ def humanoid(level: str) -> tuple[Any, dict[str, Stack], list[Any]]:
     return robot, {"": whole, "free": whole.without("hand"), "one foot": lifted(whole, robot)}, [com, hand]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", FORMULATIONS)
 def test_changes_on_an_arm(level: str) -> None:
     robot, stacks, hand = arm()
@@ -103,6 +104,7 @@ def test_changes_on_an_arm(level: str) -> None:
     assert loop.run.line.transition is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", FORMULATIONS)
 def test_a_change_in_the_midst_of_others(level: str) -> None:
     robot, stacks, hand = arm()

@@ -38,6 +38,7 @@ def blocked(name: str, formulation: str, seed: int) -> tuple[Any, Any, Any, Any]
     return session, hand, start + way, avoid
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formulation", ["velocity", "acceleration", "torque"])
 def test_a_file_and_a_batch_keep_the_distances_of_the_session(formulation: str) -> None:
     same(blocked("panda", formulation, 1), ticks=60)

@@ -63,6 +63,7 @@ def test_other_files_are_refused_with_a_sentence(file: bytes) -> None:
             LoadedSession(other)
 
 
+@pytest.mark.long
 def test_damage_behind_a_right_hash_is_refused_too(file: bytes) -> None:
     """Damage with a correct hash: the structure is checked before use, without a promise against forgery."""
     _, body = file.split(b"\n", 1)
@@ -314,6 +315,7 @@ def test_old_states_are_refused_as_in_python(tmp_path: Path) -> None:
     assert hqp.Batch.load(tmp_path / "aged.hqp", 1).step(robot.home[None]).solved.all()
 
 
+@pytest.mark.long
 def test_no_pinocchio_is_needed(file: bytes, tmp_path: Path) -> None:
     (tmp_path / "ur5.hqp").write_bytes(file)
     code = (

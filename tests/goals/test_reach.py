@@ -45,6 +45,7 @@ def reachable(robot: Any, frames: tuple[str, ...], count: int) -> list[list[Any]
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["ur5", "panda", pytest.param("g1", marks=pytest.mark.slow)])
 def test_random_reachable_poses_are_reached(name: str) -> None:
     robot, frames = load(name), TOOLS[name]
@@ -160,6 +161,7 @@ def test_a_budget_ends_it_and_says_so() -> None:
     assert again.starts == 2
 
 
+@pytest.mark.long
 def test_what_is_kept_goes_with_its_robot() -> None:
     """One search for each stack, again and again the same; it keeps neither the robot nor its meshes alive."""
     robot, hand = load("panda"), Position(frame="panda_hand_tcp")

@@ -53,6 +53,7 @@ def test_a_strict_solver_is_certified_and_a_weighted_one_is_marked(result: Bench
         result["qp"]
 
 
+@pytest.mark.long
 def test_progress_grows_to_the_end(robot) -> None:
     shares: list[float] = []
     hqp.bench(
@@ -93,6 +94,7 @@ def test_against_an_older_run(result: Bench, tmp_path: Path) -> None:
         result.against(old)
 
 
+@pytest.mark.long
 def test_the_page_is_whole_in_itself(result: Bench, tmp_path: Path) -> None:
     pytest.importorskip("plotly")
     html = result.html(tmp_path / "report.html").read_text()
@@ -144,6 +146,7 @@ def test_parquet_holds_every_tick(result: Bench, tmp_path: Path) -> None:
     assert {"residual hand", "solve_us", "command"} <= set(table.column_names)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formulation", [hqp.Acceleration(), hqp.Torque()], ids=["acceleration", "torque"])
 def test_other_formulations(robot, formulation) -> None:
     feet = [FixedContact(frame="l_sole"), FixedContact(frame="r_sole")]
@@ -204,6 +207,7 @@ def test_nan_targets_are_told_by_status(robot) -> None:
     assert found["lexicographic"].statuses["INVALID_REFERENCE"] > 10
 
 
+@pytest.mark.long
 def test_a_solver_that_is_not_installed_has_a_line(robot, monkeypatch: pytest.MonkeyPatch) -> None:
     from hqp.errors import SolverNotInstalled
     from hqp.lab import closed_loop

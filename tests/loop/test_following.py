@@ -61,6 +61,7 @@ def test_faults_are_caught(level: str, fault: Fault) -> None:
             assert np.abs(last).max() < 1e-6, "the command did not come to rest"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_a_sensor_that_is_frozen_from_the_start_is_caught_at_torque_level(name: str, seed: int) -> None:

@@ -58,6 +58,7 @@ def test_a_wall_that_holds_a_hand_is_named(arms: dict[str, Any], name: str, fram
     assert "hand is 0.2" in found[-1]
 
 
+@pytest.mark.long
 def test_an_arm_folded_beside_an_obstacle_says_so(arms: dict[str, Any]) -> None:
     """A plate between the hand and its goal: the hand rests at it, and the note names the pair's row."""
     robot, frame = arms["panda"], "panda_hand"

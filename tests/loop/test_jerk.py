@@ -298,6 +298,7 @@ def test_hostile_events_break_no_limit(name: str, monkeypatch: pytest.MonkeyPatc
     assert record.ticks == 600
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["ur5", pytest.param("panda", marks=pytest.mark.slow), pytest.param("g1", marks=pytest.mark.slow)]
 )

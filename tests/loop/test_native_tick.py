@@ -259,6 +259,7 @@ def test_torque_ticks_are_the_readable_ones(price: Any) -> None:
         assert min(one.times.assemble, one.times.solve) > 0.0
 
 
+@pytest.mark.long
 def test_a_state_that_moves_fast_is_ordinary() -> None:
     """Ticks accept a fast state within the bounds of each joint, beyond the quick bound on q'q + v'v."""
     fast, _ = pair(NATIVE, hqp.Velocity())

@@ -151,6 +151,7 @@ def test_legs_are_strong_enough_for_the_plan(seed: int) -> None:
         assert _lacks(weak[k], plan.com[k], plan.acceleration[k] + [0.0, 0.0, G], spin[k]) < 1e-3
 
 
+@pytest.mark.long
 def test_a_plan_turns_with_its_motion() -> None:
     own, _, _ = _planned(5)
     for heading in 2.0 * math.pi * np.arange(1, 36, 5) / 36.0:
@@ -554,6 +555,7 @@ def test_the_height_of_the_plan_is_reached_on_other_robots(crouched: Retargeted)
     assert crouched.dynamics.missed < 0.02
 
 
+@pytest.mark.long
 def test_dynamics_need_the_outline_of_the_soles(g1: hqp.robots.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     from hqp.motion import body
     from hqp.robots import soles

@@ -13,6 +13,7 @@ from hqp.motion.suggestion import suggest_map
 from .robots import robot as catalogued
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "talos", "cbi", "icub"])
 def test_a_shipped_map_fits_and_a_suggested_one_is_much_the_same(name: str) -> None:
     robot = catalogued(name)

@@ -138,6 +138,7 @@ def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot(
         assert found.measures.errors[hand][-1] < 0.3 * flat.measures.errors[hand][-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("heading", [pytest.param(1.5, marks=pytest.mark.slow), 3.1])
 def test_it_begins_in_the_heading_of_the_person(heading: float, g1: hqp.robots.Robot) -> None:
     found = retarget(stand(0.3, heading), g1)

@@ -71,6 +71,7 @@ def test_quaternions_keep_their_sign_over_full_turns() -> None:
     assert np.abs(np.diff(quaternions, axis=0)).max() < 0.05
 
 
+@pytest.mark.long
 def test_a_walk_is_written_and_read_as_the_trackers_do(tmp_path: Path) -> None:
     from hqp.walking import Walker
 

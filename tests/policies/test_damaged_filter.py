@@ -25,6 +25,7 @@ def load(path: Path) -> PolicyFilters:
     return PolicyFilters.load(path, 1)
 
 
+@pytest.mark.long
 def test_a_field_that_is_missing_or_no_number_is_refused(intact: dict[str, Any], tmp_path: Path) -> None:
     assert not refused(intact, tmp_path / "filter.hqp", load)
     unread = {("model", "bodies", 0, "class")}

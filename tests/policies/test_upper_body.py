@@ -269,6 +269,7 @@ def test_declared() -> None:
             bad()
 
 
+@pytest.mark.long
 def test_joints_move_as_planned_on_a_base_that_is_shaken(monkeypatch: pytest.MonkeyPatch) -> None:
     """Torques drive the arms of Pinocchio's dynamics on a base that another controller shakes."""
     robot = load("g1")
@@ -296,6 +297,7 @@ def test_joints_move_as_planned_on_a_base_that_is_shaken(monkeypatch: pytest.Mon
     assert off[True] < 0.5 * off[False], off
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_of_the_file_is_overcome(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawn friction in each joint; Pinocchio's dynamics with it as a judge: hands come nearer to drawn places."""

@@ -18,6 +18,7 @@ def loop(robot: str, formulation: str, name: str, variant: Variant, ticks: int =
     return figures(run(scenes(robot, formulation, variant.limits)[name](), variant, ticks))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", ["edge", "beyond"])
 @pytest.mark.parametrize("formulation", ["velocity", "acceleration"])
 def test_out_of_reach_an_arm_is_calm(formulation: str, scene: str) -> None:
@@ -88,6 +89,7 @@ def test_a_seed_draws_the_same_loop_twice() -> None:
     assert "| velocity | 1 |" in drawn.table(first)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "asked"), [(716, True), (640, False)])
 def test_a_path_asks_for_what_calm_exact_levels_need(seed: int, asked: bool) -> None:
     """An exact answer at the limits of its acceleration window (640) gives no information on the path."""

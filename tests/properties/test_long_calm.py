@@ -48,6 +48,7 @@ def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000
     return sum(float(np.median(change[k : k + period])) > slow for k in range(2 * period, ticks - 1, period))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "ahead"),
     [
@@ -71,6 +72,7 @@ def test_at_slow_rates_too(name: str, dt: float) -> None:
     assert restless(name, [0.3, -0.3, 0.9], ticks=round(9.0 / dt), dt=dt) == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "loop"),
     [
@@ -105,6 +107,7 @@ def test_for_twenty_seconds_and_with_eager_postures(name: str, ahead: list[float
     assert restless(name, ahead, gain, 10_000) <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ahead", [[1.0, 0.0, 0.0], [0.3, -0.3, 0.9]])
 def test_torques_do_not_jump_as_a_level_comes_to_be_unmet(ahead: list[float]) -> None:
     """A posture with kp = 100 is slowed over some tens of ticks."""
@@ -123,6 +126,7 @@ def test_torques_do_not_jump_as_a_level_comes_to_be_unmet(ahead: list[float]) ->
     assert (np.abs(np.diff(np.array(commands), axis=0)) < allowed).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formulation", ["velocity", pytest.param("acceleration", marks=pytest.mark.slow), "torque"])
 @pytest.mark.parametrize(
     "joints", [2, pytest.param(3, marks=pytest.mark.slow), 6, pytest.param(7, marks=pytest.mark.slow)]

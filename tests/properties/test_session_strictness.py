@@ -51,6 +51,7 @@ def residuals(robot: Robot, solver: str, q: np.ndarray, hand: np.ndarray, tilt: 
 SEEDS, REACHES = st.integers(0, 2**16), st.floats(0.0, 3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot_name", ROBOTS)
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=SEEDS, reach=REACHES)

@@ -103,6 +103,7 @@ def test_the_scale_of_a_level_does_not_matter(solver: Solver, problem: Hierarchy
         assert certificate(problem, after.x, max(CLOSE, solver.accuracy)).ok
 
 
+@pytest.mark.long
 @some
 @given(problem=drawn, seed=st.integers(0, 1000))
 def test_a_warm_start_does_not_matter(solver: Solver, problem: Hierarchy, seed: int) -> None:

@@ -442,6 +442,7 @@ def test_noise_and_bias() -> None:
     np.testing.assert_array_equal(readings[0].v[:3], v[:3])
 
 
+@pytest.mark.long
 def test_armature_and_edit() -> None:
     """The control model can use the plant's armature; the plant can use another one."""
     robot = hqp.robots.load("cbi", rotors=True)

@@ -113,6 +113,7 @@ def test_shipped_capsules_are_found_without_a_fit(name: str, monkeypatch: pytest
     assert {c.body for c in robot.capsules} == set(capsules.surfaces(robot))
 
 
+@pytest.mark.long
 def test_a_file_fitted_to_other_shapes_warns(tmp_path: Path) -> None:
     box = arm(tmp_path, '<box size=".1 .1 .1"/>')
     path = tmp_path / "fit.toml"

@@ -275,6 +275,7 @@ def largest(robot: Robot) -> float:
     )
 
 
+@pytest.mark.long
 def test_robots_of_one_file_share_meshes_as_long_as_there_are_any(tmp_path: Path) -> None:
     path, mesh = write(tmp_path), tmp_path / "corner.stl"
     path.write_text(path.read_text().replace('<box size="0.1 0.1 0.2"/>', f'<mesh filename="{mesh}"/>'))

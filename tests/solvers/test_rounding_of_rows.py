@@ -416,6 +416,7 @@ def test_a_level_met_for_its_price_has_multipliers_that_meet_its_rows(most: floa
     assert certain > 240
 
 
+@pytest.mark.long
 def test_noise_moves_no_certain_answer_out_of_a_narrow_wedge() -> None:
     """Rows are opposed but for a tilt of 1e-9 to 1e-6, and a level pulls beyond them.
 

@@ -65,6 +65,7 @@ def rows_that_hardly_differ(seed: int) -> Hierarchy:
     return Hierarchy(levels, constraints=1, prices=np.array([0.0, 0.0, 1.0, 1.0, 0.0]), turning=turning, motion=motion)
 
 
+@pytest.mark.long
 def test_no_row_sees_the_error_of_directions_without_motion() -> None:
     """The error is rounding over the share that remains of the rows: 1e-8, which would take x 1e8 to 1e12 away."""
     right = 0

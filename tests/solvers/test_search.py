@@ -60,6 +60,7 @@ def a_hair_short(seed: int) -> Hierarchy:
     return Hierarchy((Rows(G, lower, upper), Rows(A[:k], b[:k], b[:k]), Rows(np.eye(n), np.zeros(n), np.zeros(n))))
 
 
+@pytest.mark.long
 def test_a_step_that_is_blocked_at_the_very_end_is_blocked() -> None:
     """Once a point meets the constraints, later points do as well, at any iteration limit; with steps of 0.999 taken
     for whole ones, 5 of these do not."""
@@ -137,6 +138,7 @@ def test_an_answer_that_another_rank_moves_is_uncertain() -> None:
     assert hqp.solvers.load("lexicographic").solve(problem).status is Status.RANK_UNCERTAIN
 
 
+@pytest.mark.long
 def test_rows_of_different_length_have_one_answer_from_any_start() -> None:
     """Rounding of a row of 1e6 hid the forces of rows of 1 in its level: ||w_1|| was 0.0742 instead of 0.0659 in one
     problem, warm-started from a neighbour, with status OPTIMAL; 14 of 300 such pairs differed."""

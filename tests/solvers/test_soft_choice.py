@@ -157,6 +157,7 @@ def test_a_row_that_the_levels_violate_keeps_its_value(seed: int) -> None:
     assert np.abs(box.slack(found.x)).max() < 1e-6
 
 
+@pytest.mark.long
 def test_levels_that_conflict_keep_their_residual_under_the_choice() -> None:
     """The slack of a level is unique: a shorter one would be at the cost of bounds that the choice exceeds by a little.
 

@@ -55,6 +55,7 @@ def tilted(seed: int) -> Hierarchy:
     )
 
 
+@pytest.mark.long
 def test_tilted_rows_are_certain_and_right() -> None:
     """Rounding of the rows moves these answers by 1e-7 at most, which the certificate allows as well."""
     for seed in range(100):
@@ -89,6 +90,7 @@ def test_a_row_that_holds_a_level_by_a_short_remainder_makes_it_uncertain() -> N
     assert is_unsure(answer) or certificate(case, answer.x, 1e-6).ok
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bounds", [0, 1])
 def test_the_completion_follows_a_last_level_without_bounds(bounds: int) -> None:
     """Below an exact level only anchored rows keep their motion: the least norm decides on the rest.
@@ -113,6 +115,7 @@ def test_the_completion_follows_a_last_level_without_bounds(bounds: int) -> None
         assert is_unsure(answer) or certificate(case, answer.x, 1e-8, answer.stage_points).ok, seed
 
 
+@pytest.mark.long
 def test_an_anchored_row_nearly_parallel_to_a_hard_one_holds_nothing_in_part() -> None:
     """Its remainder is 1e-13 to 1e-8: it counts as a direction or not, and x is the shortest along all others."""
     certain = 0

@@ -56,6 +56,7 @@ def test_every_case_is_a_row_and_an_exception_too(tmp_path: Path) -> None:
     assert rows[2]["case"] == f'{{"folder":"{tmp_path}","x":2}}'
 
 
+@pytest.mark.long
 def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
     path = toml(tmp_path)
     some = sweep.load(path, trust=True)

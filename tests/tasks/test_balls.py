@@ -95,6 +95,7 @@ def test_from_outside_its_cone_a_ball_comes_back_gradually(robot: Any, formulati
     assert turn(robot, q) < MOST + 1e-3
 
 
+@pytest.mark.long
 def test_a_posture_takes_a_ball_the_shortest_way(robot: Any) -> None:
     """From 3 rad about x to 3 rad about -x it is 0.28 rad; the turn keeps one axis and slows down as exp(-gain t)."""
     posture = Posture(law=P(2.0), joints="ball")

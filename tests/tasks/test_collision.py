@@ -213,6 +213,7 @@ def test_both_ends_of_a_capsule_that_lies_on_something_have_rows(kind: str, form
     assert np.abs(commands[-1]).max() < (1e-4 if moves else 1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("native", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_no_bound_jumps_as_the_nearest_point_leaves_an_end(native: bool, written: Callable[..., Any]) -> None:
     """Capsules nearly side by side: with a quarter of the step a bound changes by less than half in a step."""
@@ -303,6 +304,7 @@ def test_names_that_are_not_there(panda: Any) -> None:
         element.at({"ball": [0.0, 0.0]})
 
 
+@pytest.mark.long
 def test_pairs_by_group_link_and_world(talos: Any) -> None:
     table = shapes.box("table", (0.5, 1.0, 0.05), (0.8, 0.0, 0.9))
     element = CollisionAvoidance(pairs=(("arms", "torso_2_link"), ("gripper_left_base_link", "table")), world=table)

@@ -111,6 +111,7 @@ class Loop:
         return np.abs(np.diff(self.commands, axis=0)).max(axis=1)[2:]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("softness", [0.004, 0.02])
 @pytest.mark.parametrize(
     ("level", "damping", "most"), [("velocity", 500.0, 0.1), ("acceleration", 400.0, 30.0), ("torque", 400.0, 12.0)]

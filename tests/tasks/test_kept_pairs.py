@@ -48,6 +48,7 @@ def test_pairs_are_judged_once(name: str, tmp_path: Path, judged: list[int]) -> 
     assert len(judged) == len(files(tmp_path)) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "clearance"),
     [
@@ -72,6 +73,7 @@ def narrowed(robot: Any) -> Any:
     return hqp.robots.Robot(model, name=robot.name).with_capsules(robot.capsules)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damage", ["empty", "cut", "changed", "other"])
 def test_a_damaged_file_is_judged_anew(damage: str, tmp_path: Path, judged: list[int]) -> None:
     first = pairs(load("drawn 1"))
@@ -95,6 +97,7 @@ def test_other_code_judges_anew() -> None:
     }
 
 
+@pytest.mark.long
 def test_a_cache_that_cannot_be_written_costs_no_pairs(tmp_path: Path, judged: list[int]) -> None:
     (tmp_path / "cache").write_text("a file in the place of the folder")
     assert pairs(load("drawn 0")) == pairs(load("drawn 0"))

@@ -87,6 +87,7 @@ def test_rate_and_drift_are_those_of_the_way_left(panda: Any, what: str, far: bo
     assert np.allclose((after - 2 * here + before) / h**2, second, atol=1e-4 * (1.0 + np.abs(second).max()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["velocity", pytest.param("acceleration", marks=pytest.mark.slow), "torque"])
 @pytest.mark.parametrize("what", ["box", "turn", "cone", "gaze"])
 def test_they_are_not_passed(panda: Any, what: str, kind: str) -> None:

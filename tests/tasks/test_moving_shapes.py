@@ -54,6 +54,7 @@ def around(panda: Any, rng: np.random.Generator) -> tuple[dict[str, Any], dict[s
     return poses, rates
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [1, 2])
 def test_native_rows_equal_readable_rows(panda: Any, order: int, written: Callable[..., Any]) -> None:
     element, rng = CollisionAvoidance(pairs="world", world=WORLD, influence=0.6), np.random.default_rng(1)
@@ -121,6 +122,7 @@ def from_ball(state: Any, centre: Any, radius: float) -> float:
     return float(np.min(away - [c.radius for c in capsules])) - radius
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 def test_a_hand_gives_way_to_a_ball(panda: Any, formulation: Any) -> None:
     """A ball crosses the hand's target at 0.3 m/s: no contact with its velocity given, contact without."""
@@ -161,6 +163,7 @@ def block(tmp_path: Path) -> Any:
     return shapes.mesh("block", path), shapes.box("block", (0.2, 0.3, 0.25))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_moving_mesh_has_the_rows_of_the_box_that_it_is(panda: Any, block: Any, order: int, written: Any) -> None:
     """J and the bounds with the motion of the world, drift included; coal's distances are exact to 1e-6."""

@@ -230,6 +230,7 @@ def test_a_robot_with_other_ranges_has_its_own_clearance(seed: int) -> None:
     assert kept[2] == kept[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_the_order_of_distances_does_not_matter(seed: int) -> None:
     """Near configurations are measured once for each pair, in any order of the distances."""

@@ -191,6 +191,7 @@ def test_coupling(dreamer: Any, written: Written) -> None:
         JointCoupling({"arm": 1.0}).rows(dreamer)
 
 
+@pytest.mark.long
 def test_rolling_away_keeps_plane_and_coupling(dreamer: Any) -> None:
     """2 s at velocity level: the base rolls 0.4 m, wheels stay on the ground, a coupling error decays."""
     coupling = JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0})

@@ -193,6 +193,7 @@ def test_a_gaze_that_is_far_off_comes_back_at_the_recovery_speed(robots: dict[st
     assert 0.19 < e[-1] < 0.202
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", FORMULATIONS)
 @pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
 def test_the_balance_stays_over_the_feet(robots: dict[str, Any], name: str, kind: str) -> None:

@@ -134,6 +134,7 @@ def test_no_lag_within_reach(rate: float, dt: float) -> None:
     assert np.sqrt((third**2).mean(axis=0)).max() < 50.0
 
 
+@pytest.mark.long
 def test_what_is_late_is_predicted() -> None:
     """A delay of 30 ms: ``latency`` states the part that the clocks do not show."""
     robot, hand, stack, start = setup("ur5")

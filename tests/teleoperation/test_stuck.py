@@ -149,6 +149,7 @@ def test_a_slow_task_is_not_stuck() -> None:
     assert when > 3.9
 
 
+@pytest.mark.long
 def test_a_hand_that_creeps_on_is_not_stuck() -> None:
     """A quadruped's trunk leaves its corner within 9 s."""
     drawn = scene(55, "acceleration")

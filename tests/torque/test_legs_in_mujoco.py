@@ -156,6 +156,7 @@ def stand_and_shift(stance: Stance) -> None:
     assert stance.statuses == {"OPTIMAL"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slope", [0.0, SLOPE])
 def test_go2_stands_on_feet_whose_frames_lean(slope: float) -> None:
     """The z axes of its feet lean 52 degrees from the vertical."""

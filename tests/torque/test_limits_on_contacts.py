@@ -80,6 +80,7 @@ def test_bounds_are_those_of_the_equation(way: type[JointLimits], kd: float) -> 
                 np.testing.assert_allclose(bounds(program), asked(limits, state, kd, rate, feet), rtol=1e-9, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not kernel(), reason="no native kernel here")
 def test_native_ticks_and_files_have_the_same_bounds() -> None:
     """With and without a foot, and with a foot declared twice."""

@@ -24,6 +24,7 @@ def reaching(robot: Any) -> tuple[Stack, Position]:
     return _torque_stack(Stack(*levels, subject_to=[*feet, JointLimits()])).without("torque_limits"), hand
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["talos", "g1"])
 def test_a_leg_that_comes_to_be_straight_takes_no_absurd_torque(name: str) -> None:
     """The hand's target moves 1.5 m away within a second: 1e7 N m and more in single ticks without the limits."""

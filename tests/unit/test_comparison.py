@@ -73,6 +73,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "usage: hqp" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_drawn_states_are_those_of_a_loop_that_holds_its_constraints() -> None:
     """With acceleration limits and default contacts; every level has something to do."""
     stack = Stack(
@@ -117,6 +118,7 @@ def test_blas_takes_one_thread_while_solvers_are_compared() -> None:
     assert set(found) == {1}
 
 
+@pytest.mark.long
 def test_exact_and_priced_levels_side_by_side() -> None:
     robot = hqp.robots.load("ur5")
     hand = Position(frame="tool0", law=P(5.0))

@@ -41,6 +41,7 @@ def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedP
     )
 
 
+@pytest.mark.long
 def test_without_compiled_parts_the_first_import_says_so_once() -> None:
     result = run(PURE + "import hqp\nimport hqp.tasks\nimport hqp", HQP_PURE="")
     assert result.stderr.count("PurePythonWarning") == 1
@@ -74,6 +75,7 @@ def test_a_checkout_without_compiled_parts_says_how_to_get_them(tmp_path: Path) 
     assert "ImportError: hqp runs in pure Python: its C++ build failed" in required.stderr
 
 
+@pytest.mark.long
 def test_a_command_imports_no_other_commands_package() -> None:
     others = run("import sys\nfrom hqp.__main__ import main\nmain(['solvers'])\nprint(*sys.modules, sep='\\n')").stdout
     assert "hqp.commands.arguments" in others

@@ -125,6 +125,7 @@ def test_a_file_is_written_when_something_happens_and_not_again_at_once(tmp_path
     assert len(recorder.files) == 2
 
 
+@pytest.mark.long
 def test_changes_of_stack_are_in_one_file(tmp_path: Path) -> None:
     robot, run, hand = make(hqp.Velocity())
     recorder = run.record(ticks=60, on="never", to=tmp_path)

@@ -154,6 +154,7 @@ def interrupted(rng: np.random.Generator, longest: float, *calls: Any) -> int:
     return count
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rates", [None, RateLimits(velocity=1e4)], ids=["native", "general"])
 def test_an_interrupt_anywhere_leaves_a_session_that_works(robot: Robot, rates: Any) -> None:
     """In 1266 interrupts, 10 left a session that raised ConcurrentUse in every later call."""

@@ -75,6 +75,7 @@ def test_long_names_are_written_small(letters: int, count: int, size: int) -> No
     assert f"font-size:{size}px;font-weight:650" in page._card(level, np.ones(4), count)
 
 
+@pytest.mark.long
 def test_out_of_reach_says_who_gives_way_to_whom() -> None:
     account, _ = run([2.0, 0.0, 0.5], 1500)
     assert account.tone == "warn", (account.headline, account.reason)

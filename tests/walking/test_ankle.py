@@ -129,6 +129,7 @@ def lifted(robot: Any, foot: Foot, q: Any) -> Any:
     return np.abs(tau) / robot.effort_limit[robot.actuated]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", ["g1", "romeo"])
 def test_joints_that_a_step_overloads_are_named(name: str, seed: int) -> None:

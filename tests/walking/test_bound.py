@@ -23,6 +23,7 @@ def test_along_a_box_it_is_the_pendulum_with_its_zmp_at_the_edge() -> None:
     assert largest_push(BOX, (0.01, 0.0), (1.0, 0.0), 1e-6, OMEGA) == pytest.approx(OMEGA * 0.14, rel=1e-4)
 
 
+@pytest.mark.long
 def test_no_zmp_of_many_holds_more_and_one_holds_nearly_as_much() -> None:
     """Pendulums integrated with drawn ZMPs in the support and pushes in any direction."""
     rng, u = np.random.default_rng(1), np.array([0.6, -0.8])

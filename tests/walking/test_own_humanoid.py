@@ -70,6 +70,7 @@ def test_bent_knees_do_not_turn_a_robot_on_point_feet(seed: int) -> None:
     assert [frame[:2] for frame in soles] == ["FL", "FR"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["icub", *(pytest.param(n, marks=pytest.mark.slow) for n in ("talos", "g1", "romeo"))])
 def test_links_do_not_push_each_other_apart_at_the_start(name: str) -> None:
     """Load files whose home has straight legs; convex hulls of iCub's thigh and chest overlap as it is lowered."""

@@ -54,6 +54,7 @@ def walk(walker: Walker, most: float = 20.0) -> list[Foothold]:
     return landed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_a_route_within_reach_is_walked_as_it_is(robot: Any, seed: int) -> None:
     walker = made(robot)
@@ -108,6 +109,7 @@ def test_footholds_out_of_reach_give_way_to_the_nearest_with_a_reason(robot: Any
     assert bool(changed) == (seed % 4 != 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("moment", ["shift", "swing"])
 @pytest.mark.parametrize("first", [LEFT, RIGHT])
 def test_the_foot_whose_turn_it_is_steps_in_place_first(robot: Any, moment: str, first: int) -> None:
@@ -194,6 +196,7 @@ def test_a_batch_follows_with_the_bits_of_a_single_walker(robot: Any) -> None:
     assert batch.phases[0] == "stand"
 
 
+@pytest.mark.long
 def test_bad_footholds_are_named(robot: Any, tmp_path: Path) -> None:
     walker = made(robot)
     left = walker.holds[LEFT]

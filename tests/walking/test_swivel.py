@@ -31,6 +31,7 @@ def drawn(folder: Path, rng: np.random.Generator) -> Walker:
     return Walker(robot, Gait(lower=lower), soles=soles, dt=0.004, deadline=math.inf)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("made", [cbi, drawn])
 def test_a_knee_at_its_limit_leaves_legs_calm(made: Make, seed: int, tmp_path: Path) -> None:

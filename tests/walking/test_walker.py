@@ -274,6 +274,7 @@ def test_what_a_foot_bears_by_a_toe_is_a_landing_when_its_time_is_up() -> None:
     assert swung * DT == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.long
 def test_it_weighs_itself() -> None:
     """Feet that bear a tenth more than the model: torques grow by a tenth, through an impact and a flight."""
     robot = hqp.robots.load("talos", rotors=True)
@@ -293,6 +294,7 @@ def test_it_weighs_itself() -> None:
     assert abs(more[knee]) > 1.05 * abs(known.step(state).command[knee])
 
 
+@pytest.mark.long
 def test_a_mesh_stands_on_all_of_its_sole() -> None:
     """MuJoCo finds three contact points of a mesh on a plane; a plant adds the corners."""
     robot = hqp.robots.load("talos", rotors=True)

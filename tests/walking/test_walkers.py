@@ -54,6 +54,7 @@ def test_a_batch_walks_with_the_bits_of_single_walkers(robot: Any, threads: int,
     assert ticks[1].status is Status.STOPPED
 
 
+@pytest.mark.long
 def test_a_world_that_is_reset_begins_anew(robot: Any) -> None:
     walker, batch = made(robot), Walkers(made(robot), 2)
     q, v = np.array([walker.start] * 2), np.zeros((2, robot.nv))

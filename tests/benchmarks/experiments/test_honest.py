@@ -134,6 +134,7 @@ def drive(heading: float, lead: float = 0.0, cross: float = 0.0, after: float = 
     return worst
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "heading", [0.0, 20.0, -45.0, *(pytest.param(heading, marks=pytest.mark.slow) for heading in (30.0, 45.0, 180.0))]
 )
@@ -141,6 +142,7 @@ def test_the_map_finds_the_slope_at_any_heading(heading: float) -> None:
     assert drive(math.radians(heading)) < 1.5
 
 
+@pytest.mark.long
 def test_the_map_finds_the_slope_on_a_cross_slope() -> None:
     assert drive(math.radians(20.0), cross=math.radians(3.0)) < 1.5
 
@@ -245,6 +247,7 @@ def test_gravity_share_follows_the_tilt() -> None:
     assert (1.0 - held) * 800.0 * math.sin(math.radians(10.0)) == pytest.approx(40.0)
 
 
+@pytest.mark.long
 def test_percentiles_are_values_that_were_met_and_a_fall_is_the_worst() -> None:
     assert statistics.percentiles(np.arange(1.0, 101.0)) == {"median": 50.0, "p95": 95.0, "p99": 99.0, "worst": 100.0}
     assert statistics.percentiles([1.0, math.inf])["p99"] == math.inf

@@ -17,6 +17,7 @@ MANY = 20
 """Least number of runs behind a promise."""
 
 
+@pytest.mark.long
 def test_every_table_is_that_of_the_committed_runs() -> None:
     for path, text in pages.files().items():
         assert path.read_text() == text, f"{path.name}: python -m benchmarks pages"

@@ -61,6 +61,7 @@ def test_figure_eight_in_the_loop(robot: Robot) -> None:
         assert trace.slip < FOOT_ERROR
 
 
+@pytest.mark.long
 def test_cog_without_feedforward_lags_as_a_first_order_system(robot: Robot) -> None:
     trace = loop.run(robot, "nullspace", 10.0, hand=loop.rest, com=loop.side_to_side, feedforward=False, dt=0.01)
     gain, _ = loop.response(trace)
