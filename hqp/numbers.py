@@ -53,6 +53,15 @@ def number(
     raise DeclarationError(owner, f"bad {field}", value=value, unit=unit, allowed=allowed)
 
 
+def whole(owner: str, field: str, value: Any, low: int, most: float = math.inf) -> int:
+    """Return a declared whole number, of any storage, as an int; raises DeclarationError unless low <= it <= most."""
+    found = plain(value)
+    if found is not None and low <= found <= most and found == math.floor(min(found, sys.float_info.max)):
+        return int(found)
+    bounds = f"from {low} up" if most == math.inf else f"from {low} to {most:g}"
+    raise DeclarationError(owner, f"bad {field}", value=value, allowed=f"a whole number {bounds}")
+
+
 def set_numbers(declared: object, owner: str, fields: Iterable[str], low: float = -math.inf, **bounds: Any) -> None:
     """Check fields of a declaration with ``number`` and store them as plain numbers."""
     for field in fields:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hqp.numbers import whole
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -98,8 +100,7 @@ class CollisionAvoidance(Inequality):
             set_number(self, "acceleration", 0.0, strict=True, infinite=True)
         if self.approach is not None:
             set_number(self, "approach", 0.0, strict=True)
-        if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
-            raise self.invalid("slots", self.slots, "a whole number, 0 for the number of pairs that can be near")
+        object.__setattr__(self, "slots", whole(self.owner, "slots", self.slots, 0))
 
     def _checked_pairs(self) -> tuple[tuple[str, str], ...]:
         try:

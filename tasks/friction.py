@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hqp.numbers import whole
+
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -109,8 +111,7 @@ class FrictionCone(_ContactForce):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_number(self, "mu", 0.0, strict=True)
-        if not isinstance(self.edges, int) or isinstance(self.edges, bool) or self.edges < 3:
-            raise self.invalid("edges", self.edges, "a whole number, at least 3")
+        object.__setattr__(self, "edges", whole(self.owner, "edges", self.edges, 3))
         if self.torsion is not None:
             set_number(self, "torsion", 0.0, infinite=True)
         if self.sole is None:

@@ -9,8 +9,9 @@ import numpy as np
 
 from hqp.adapters.gymnasium_extra import gymnasium
 from hqp.arrays import Mat, Vec
-from hqp.errors import DeclarationError, HqpError
+from hqp.errors import HqpError
 from hqp.export.batch import BatchTick
+from hqp.numbers import whole
 from hqp.robots import Robot
 
 if TYPE_CHECKING:
@@ -53,11 +54,9 @@ class WorldsEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             raise HqpError(
                 f"{type(self).__name__} needs gymnasium 1.0 or later, here is {here}: pip install 'hqp[gym]'"
             )
-        if isinstance(frame_skip, bool) or not isinstance(frame_skip, int) or frame_skip < 1:
-            raise DeclarationError(
-                type(self).__name__, "frame_skip", value=frame_skip, allowed="a whole number, 1 or above"
-            )
-        self.num_envs, self._skip, self._steps = num_envs, frame_skip, steps
+        owner = type(self).__name__
+        self.num_envs, self._steps = num_envs, steps
+        self._skip = whole(owner, "frame_skip", frame_skip, 1)
         self._robot, self._start, self._spread = robot, start, spread
         self._plant = Plant(robot, timestep=dt, actuation=actuation, servo=servo)
         self._reward = reward or (lambda q, v, action: np.zeros(num_envs))

@@ -18,6 +18,7 @@ from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.export.loaded import ACCELERATION, VALUE, VELOCITY
+from hqp.numbers import whole
 from hqp.problem import Status
 
 if TYPE_CHECKING:
@@ -66,13 +67,6 @@ def chosen_worlds(what: str, worlds: ArrayLike | None, count: int) -> list[int]:
     return found
 
 
-def check_counts(what: str, count: int, threads: int) -> None:
-    """Raise DeclarationError for a bad number of worlds or threads."""
-    for name, value, least in (("count", count, 1), ("threads", threads, 0)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-            raise DeclarationError(what, name, value=value, allowed=f"a whole number, {least} or above")
-
-
 class Batch:
     """``count`` sessions of one controller on one robot, stepped together.
 
@@ -108,14 +102,14 @@ class Batch:
         from hqp import _session as native
         from hqp.loop.file import key_bytes
 
-        check_counts("Batch", count, threads)
+        count, threads = whole("Batch", "count", count, 1), whole("Batch", "threads", threads, 0)
         secret = key_bytes(key)
         try:
-            self._native = native.Batch(file, int(count), int(threads), secret)
+            self._native = native.Batch(file, count, threads, secret)
             one = native.Session(file, b"")
         except (native.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
-        self.count, self.threads = int(count), self._native.threads
+        self.count, self.threads = count, self._native.threads
         (self.nq, self.nv), self.kind = self._native.state, self._native.kind
         self.dt, self.joint_names, self.home = one.dt, tuple(one.joint_names), np.array(one.home)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelError
 from hqp.loop.session import one_second
+from hqp.numbers import number, whole
 from hqp.search.newton import Search
 from hqp.search.starts import random_start
 
@@ -73,7 +73,10 @@ def reach(
     result must settle on levels that cannot be met.  seed: for the restarts.
     Raises DeclarationError without references or for bad numbers, ModelError for a q0 of another shape.
     """
-    _check(stack, robot, references, q0, restarts=restarts, steps=steps, tolerance=tolerance, budget=budget)
+    _check(stack, robot, references, q0)
+    restarts, steps = whole("reach", "restarts", restarts, 0), whole("reach", "steps", steps, 1)
+    tolerance = number("reach", "tolerance", tolerance, 0.0, strict=True, infinite=True)
+    budget = number("reach", "budget", budget, 0.0, strict=True, infinite=True)
     begin = time.perf_counter()
     search = _SEARCHES.get(robot, stack, lambda copy: Search(stack, copy, one_second))
     q0 = robot.home if q0 is None else np.array(q0, dtype=np.float64)
@@ -101,17 +104,7 @@ def _reason(search: Search, merit: tuple[float, ...], errors: dict[str, float], 
     return f"{search.groups[level]}: {name} has error {errors[name]:.3g} after {starts} starts; the last ended: {last}"
 
 
-def _check(
-    stack: Stack,
-    robot: Robot,
-    references: tuple[Reference, ...],
-    q0: Vec | None,
-    *,
-    restarts: int,
-    steps: int,
-    tolerance: float,
-    budget: float,
-) -> None:
+def _check(stack: Stack, robot: Robot, references: tuple[Reference, ...], q0: Vec | None) -> None:
     if not isinstance(stack, Stack):
         raise DeclarationError("reach", "stack", value=stack, allowed="Stack(Level(...), ...)")
     if not references:
@@ -126,9 +119,3 @@ def _check(
         raise ModelError(f"{robot.name}: q0 has shape {np.shape(q0)}, needed ({robot.nq},)")
     if q0 is not None and not np.isfinite(numbers("reach", "q0", q0, (robot.nq,))).all():
         raise DeclarationError("reach", "bad q0", value=q0, allowed="finite numbers")
-    for name, number, least in (("restarts", restarts, 0), ("steps", steps, 1)):
-        if not isinstance(number, (int, np.integer)) or number < least:
-            raise DeclarationError("reach", f"bad {name}", value=number, allowed=f"a whole number, {least} or above")
-    for name, size in (("tolerance", tolerance), ("budget", budget)):
-        if not isinstance(size, Real) or not size > 0.0:
-            raise DeclarationError("reach", f"bad {name}", value=size, allowed="above 0")

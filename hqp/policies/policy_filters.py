@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from hqp import _session, dlpack
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
-from hqp.export.batch import BatchTick, check_counts, chosen_worlds
+from hqp.export.batch import BatchTick, chosen_worlds
 from hqp.loop.file import key_bytes, text
+from hqp.numbers import whole
 from hqp.policies.policy_filter import PolicyFilterSession
 
 
@@ -40,12 +41,12 @@ class PolicyFilters:
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None) -> None:
-        check_counts("PolicyFilters", count, threads)
+        count, threads = whole("PolicyFilters", "count", count, 1), whole("PolicyFilters", "threads", threads, 0)
         try:
-            self._native = _session.Filters(file, int(count), int(threads), key_bytes(key))
+            self._native = _session.Filters(file, count, threads, key_bytes(key))
         except (_session.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
-        self.count, self.threads = int(count), self._native.threads
+        self.count, self.threads = count, self._native.threads
 
     def step(self, Q: ArrayLike, V: ArrayLike, commands: ArrayLike) -> BatchTick:
         """One tick of all worlds: states Q ``(count, nq)``, V ``(count, nv)``, commands of the policy ``(count, n)``.

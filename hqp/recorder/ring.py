@@ -16,6 +16,7 @@ import numpy as np
 from hqp.declare.reference import Reference
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.notes import Note
+from hqp.numbers import whole
 from hqp.problem import Status
 from hqp.programs.formulation import Program
 from hqp.recorder.layout import LINE, Memory
@@ -86,11 +87,9 @@ class Recorder:
     def __init__(self, session: Recorded, ticks: int, on: str | Callable[[Any], bool], to: str | Path) -> None:
         from hqp.recorder.files import about
 
-        if not isinstance(ticks, int) or ticks < 1:
-            raise DeclarationError("record", "bad number of ticks", value=ticks, allowed="1 or above")
         if not callable(on) and on not in TRIGGERS:
             raise DeclarationError("record", "unknown trigger", value=on, allowed=", ".join(TRIGGERS))
-        self.ticks, self.folder, self.files = ticks, Path(to), list[Path]()
+        self.ticks, self.folder, self.files = whole("record", "number of ticks", ticks, 1), Path(to), list[Path]()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec, floats, readable
 from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
+from hqp.numbers import whole
 from hqp.problem import ETA, Hierarchy, Motion, Rows, Selection, Shape, Solution, Status
 from hqp.solvers.base import check_shape, require_hierarchy
 from hqp.solvers.lexicographic import DOUBTFUL, NO_KERNEL, STATUSES, Lexicographic, native_module
@@ -118,9 +119,7 @@ def solve_many(
 def _threads(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
-        raise DeclarationError("solve_many.threads", "need at least one", value=threads)
-    return threads
+    return whole("solve_many", "threads", threads, 1)
 
 
 def _fill(batch: Any, problems: Sequence[Hierarchy] | HierarchyBatch, shape: Shape) -> Any:

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from hqp import _session
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
-from hqp.export.batch import BatchTick, check_counts, chosen_worlds
+from hqp.export.batch import BatchTick, chosen_worlds
 from hqp.loop.file import key_bytes, text
+from hqp.numbers import whole
 from hqp.walking.footsteps import Command, Foothold, routed
 from hqp.walking.walker import PHASES, Walker
 
@@ -38,13 +39,13 @@ class Walkers:
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None) -> None:
-        check_counts("Walkers", count, threads)
+        count, threads = whole("Walkers", "count", count, 1), whole("Walkers", "threads", threads, 0)
         secret = key_bytes(key)
         try:
-            self._native = _session.Walkers(file, int(count), int(threads), secret)
+            self._native = _session.Walkers(file, count, threads, secret)
         except (_session.PlanError, ValueError) as error:
             raise HqpError(str(error)) from None
-        self.count, self.threads = int(count), self._native.threads
+        self.count, self.threads = count, self._native.threads
 
     def go(
         self, forward: ArrayLike = 0.0, left: ArrayLike = 0.0, turn: ArrayLike = 0.0, worlds: ArrayLike | None = None

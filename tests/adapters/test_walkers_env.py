@@ -55,7 +55,7 @@ def test_errors_name_the_class() -> None:
     from hqp.walking import Walker
 
     walker = Walker(hqp.robots.load("g1", rotors=True), dt=0.002)
-    with pytest.raises(DeclarationError, match="WalkersEnv: frame_skip"):
+    with pytest.raises(DeclarationError, match="WalkersEnv: bad frame_skip"):
         WalkersEnv(walker, 2, frame_skip=0)
     with pytest.raises(DeclarationError, match="Walkers"):
         WalkersEnv(walker, 0)
