@@ -59,9 +59,10 @@ class Plant:
     else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.  actuation: ``torque``,
     ``position`` (servos with the gains of ``servo``, by default of the robot's description, else
     ``Servo.stiff(robot)``), or ``native``, the file's own actuators.  terrain: the ground, which takes the place of
-    planes in the file, None to keep those.  timestep, delay: duration of a step, and delay from command to motor [s].  armature: reflected rotor inertia by joint or group [kg m^2] in place of the default
-    (our own models, and URDF files, which have no word for it: rotor inertia of the robot's model, else min(0.01,
-    effort limit / 5000)) or the file's; ``plant.armature`` has the value of each joint.  imu: a frame of the root body.
+    planes in the file, None to keep those.  timestep, delay: duration of a step, and delay from command to motor [s].
+    armature: reflected rotor inertia by joint or group [kg m^2] in place of the default (our own models, and URDF
+    files, which have no word for it: rotor inertia of the robot's model, else min(0.01, effort limit / 5000)) or the
+    file's; ``plant.armature`` has the value of each joint.  imu: a frame of the root body.
     watched: frames whose ground contact is measured, each with the links that are fixed to its own and all that hangs
     on them; soles or wheels by default.  edit: changes the MjSpec before it is compiled
     (payloads, other masses).  seed: seed of the sensors' noise.  Raises ModelError, JointNotFound, FrameNotFound,
@@ -93,6 +94,8 @@ class Plant:
         spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
         if actuation == "position" and self.servo is None:
+            if not hasattr(robot, "actuated"):
+                raise DeclarationError("plant", "a pinocchio.Model has no servos", allowed="servo=Servo(kp=...)")
             self.servo = Servo.stiff(robot)
         driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None), _tendons(robot))
         inertia = _armature(robot, path, about) if armature is None else armature

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from hqp.numbers import whole
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from hqp.declare import plans
 from hqp.declare.element import Inequality
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
+from hqp.numbers import whole
 
 from . import collision_world
 from .collision_motion import FORESIGHT, STEP, Motions, moving

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from hqp.numbers import whole
-
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -14,6 +12,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare.element import Constraint, Quantity
 from hqp.declare.robot import Robot
+from hqp.numbers import whole
 
 from .fields import set_number
 

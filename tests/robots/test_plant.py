@@ -503,6 +503,8 @@ def test_errors(hopper: Path, box: Path, tmp_path: Path) -> None:
         Plant(robot, armature={"torso_hib": 0.1})
     with pytest.raises(DeclarationError, match=r"unknown actuation .*allowed: torque, position, native"):
         Plant(robot, actuation="velocity")  # type: ignore[arg-type]
+    with pytest.raises(DeclarationError, match=r"no servos; allowed: servo=Servo"):
+        Plant(robot.model, "dreamer", actuation="position")
     with pytest.raises(DeclarationError, match="timestep"):
         Plant(robot, timestep=0.0)
     plant = Plant(robot)
