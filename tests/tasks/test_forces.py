@@ -167,7 +167,7 @@ def test_rows_are_forces() -> None:
         (FrictionCone, {"mu": 0.0}, "mu"),
         (FrictionCone, {"mu": math.nan}, "mu"),
         (FrictionCone, {"mu": 0.5, "edges": 2}, "edges"),
-        (FrictionCone, {"mu": 0.5, "edges": 4.0}, "edges"),
+        (FrictionCone, {"mu": 0.5, "edges": 4.5}, "edges"),
         (FrictionCone, {"mu": 0.5, "torsion": -1.0}, "torsion"),
         (CenterOfPressure, {}, "exactly one"),
         (CenterOfPressure, {"rectangle": (0, 1, 0, 1), "polygon": TRAPEZE}, "exactly one"),
