@@ -17,15 +17,17 @@ OPTIONAL = tuple(f"{side}_toe" for side in SIDES)
 """Parts that a motion may lack: estimates of 17 joints end at the ankles."""
 
 NAMES: dict[str, tuple[str, ...]] = {
-    "shoulder": ("arm", "upperarm", "uparm", "uarm", "humerus", "shldr", "shoulder"),
-    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "farm", "larm", "radius"),
-    "hand": ("wrist", "hand"),
-    "knee": ("knee", "lowerleg", "lowleg", "shin", "shank", "calf", "tibia", "leg"),
-    "hip": ("hip", "upleg", "upperleg", "thigh", "femur", "leg"),
-    "ankle": ("ankle", "foot", "talus"),
+    "shoulder": (
+        "arm", "upperarm", "armupper", "uparm", "uarm", "humerus", "shldr", "shoulder", "acromial", "sjc",
+    ),
+    "elbow": ("elbow", "forearm", "lowerarm", "armlower", "lowarm", "farm", "larm", "radius", "ulna", "ejc"),
+    "hand": ("wrist", "hand", "radiushand", "wjc"),
+    "knee": ("knee", "lowerleg", "leglower", "lowleg", "shin", "shank", "calf", "tibia", "kjc", "leg"),
+    "hip": ("hip", "upleg", "upperleg", "legupper", "thigh", "femur", "hjc", "leg"),
+    "ankle": ("ankle", "foot", "talus", "ajc"),
     "toe": (
-        "toebase", "toe", "toes", "bigtoe", "ball", "ballfoot", "foottoe", "footindex", "foot", "toeend", "ankleend",
-        "footend",
+        "toebase", "toe", "toes", "bigtoe", "ball", "ballfoot", "mtp", "foottoe", "footindex", "foot", "toeend",
+        "ankleend", "footend",
     ),
 }  # fmt: skip
 """Names of a part without its side, the first that occurs counts: in most skeletons ``LeftArm`` begins at the shoulder
@@ -52,7 +54,8 @@ def plain(name: str) -> tuple[str, str]:
     for side in SIDES:
         letter = side[0]
         patterns = (
-            rf"(?i:^{side})(.*)$", rf"(?i:^{letter}[ _.-])(.*)$", rf"^{letter}(?=[A-Z])(.*)$",
+            rf"^{letter.upper()}({_KNOWN.upper()})$", rf"(?i:^{side})(.*)$", rf"(?i:^{letter}[ _.-])(.*)$",
+            rf"^{letter}(?=[A-Z])(.*)$",
             rf"^{letter.upper()}(?=[A-Z][a-z])(.*)$", rf"(.*)(?i:[ _.(-]{side})$", rf"(.*)(?i:[ _.(-]{letter})$",
             rf"(.*)(?:{side.title()})$", rf"(.*[a-z0-9]){letter.upper()}$", rf"(?i:^{letter}({_KNOWN})$)",
         )  # fmt: skip

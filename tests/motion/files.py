@@ -34,6 +34,10 @@ SCHEMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "last": ("{}{S}", ("Thigh", "Shank", "Foot", "Toe", "UpperArm", "LowerArm", "Hand")),
     "brackets": ("{} ({Side})", ("Upper Leg", "Lower Leg", "Foot", "Toe", "Upper Arm", "Lower Arm", "Hand")),
     "worlds": ("m{}{Side}", ("Hip", "Knee", "Ankle", "Toe", "Shoulder", "Elbow", "Wrist")),
+    "reversed": ("{}_{s}", ("leg_upper", "leg_lower", "foot", "toe", "arm_upper", "arm_lower", "hand")),
+    "centres": ("{S}{}", ("HJC", "KJC", "AJC", "TOE", "SJC", "EJC", "WJC")),
+    "opensim": ("{}_{s}", ("hip", "knee", "ankle", "mtp", "acromial", "elbow", "radius_hand")),
+    "bones": ("{}_{s}", ("femur", "tibia", "talus", "toes", "humerus", "ulna", "hand")),
     "estimate_": ("{side}_{}", ("hip", "knee", "ankle", "", "shoulder", "elbow", "wrist")),
 }
 """By scheme: pattern of a joint's name with its side, and the names; joints with an empty name are not recorded."""
