@@ -86,6 +86,16 @@ def _arrays(path: Path) -> dict[str, Any]:
     """All arrays of an npz file but those of objects; raises DeclarationError for a damaged file."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            return {key: array for key in file.files if (array := file[key]).dtype != object}
+            return {key: array for key in file.files if (array := _array(file, key)) is not None}
     except Exception as error:  # zipfile, zlib and NumPy raise errors of a dozen types for damaged bytes
         raise DeclarationError("motion", f"no npz file: {error}", value=str(path)) from error
+
+
+def _array(file: Any, key: str) -> Any:
+    """An array of an npz file, None for one of objects."""
+    try:
+        return file[key]
+    except ValueError as error:
+        if "allow_pickle" in str(error):
+            return None
+        raise

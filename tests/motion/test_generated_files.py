@@ -136,6 +136,18 @@ def test_types_of_arrays(tmp_path: Path, seed: int) -> None:
     assert (read.names, read.fps) == (motion.names, 30.0)
 
 
+def test_arrays_of_objects_are_left_out(tmp_path: Path) -> None:
+    """Beside the motion they do no harm; in place of a part of it that part is missing."""
+    motion, strange = stand(0.1), np.array([None, "x"], dtype=object)
+    parts: dict[str, Any] = {"positions": motion.positions, "names": np.array(motion.names), "fps": 30.0}
+    np.savez(tmp_path / "clip.npz", notes=strange, **parts)
+    assert read_motion(tmp_path / "clip.npz").names == motion.names
+    for part in parts:
+        np.savez(tmp_path / "clip.npz", **{**parts, part: strange})
+        with pytest.raises(DeclarationError, match=f"lacks {part}"):
+            read_motion(tmp_path / "clip.npz")
+
+
 @pytest.mark.parametrize("seed", range(16))
 def test_limbs_without_length_end_in_one_sentence(tmp_path: Path, seed: int) -> None:
     """Two joints of a drawn limb are at one place, all of them, or beyond any size, in drawn units."""
