@@ -65,7 +65,9 @@ class Motion:
             raise DeclarationError("motion", "duplicate joint name", value=twice)
         if not np.isfinite(places).all():
             frame, joint = np.argwhere(~np.isfinite(places).all(axis=2))[0]
-            raise DeclarationError("motion", f"{names[joint]} is not finite in frame {frame}", allowed="finite numbers")
+            raise DeclarationError(
+                "motion", f"{names[joint]} is not finite in frame {frame}", allowed="finite numbers, gaps filled"
+            )
         if not RATES[0] <= float(self.fps) <= RATES[1]:
             allowed = f"{RATES[0]:g} to {RATES[1]:g}"
             raise DeclarationError("motion", "frames per second", value=self.fps, unit="1/s", allowed=allowed)

@@ -67,6 +67,9 @@ def retarget(
     with robot.keep_shapes():
         found = find_map(map, robot)
         if not isinstance(motion, Motion):
+            if not isinstance(motion, (str, Path)):
+                allowed = "a Motion(names, positions, fps), or the path of a .bvh or .npz file"
+                raise DeclarationError("retarget", "motion", value=type(motion).__name__, allowed=allowed)
             motion = read_motion(motion, up=up, body_model=body_model, human=found.human)
         if fps is not None and not RATES[0] <= fps <= RATES[1]:
             allowed = f"{RATES[0]:g} to {RATES[1]:g}"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
 
 from .body import Body
 from .box import Box
@@ -19,6 +20,12 @@ from .person import joints_of, leg_of, with_toes
 
 LOW = 0.02
 """Quantile of the heights of slow ankles that gives the floor."""
+
+ASTRIDE = 0.1
+"""Sine of the angle between hips and trunk, or size of the mean of two directions, below which neither has a front."""
+
+FARTHEST = 1e4
+"""Largest distance of a joint from the origin in the robot's size, that of a base [m]."""
 
 FLAT = 0.15
 """Tilt below which a resting foot is flat [rad]."""
@@ -76,6 +83,10 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
     ground = _floor(joints, motion.fps, leg)
     lift = np.array([0.0, 0.0, float(np.mean([-body.levers[side][2] for side in SIDES]))])
     moved = {part: scale * (place - ground) + lift for part, place in joints.items()}
+    far = max(float(np.abs(place).max()) for place in moved.values())
+    if far > FARTHEST:
+        allowed = f"{FARTHEST:g} m in the robot's size: move the motion to its origin"
+        raise DeclarationError("motion", "distance from the origin", value=far, unit="m", allowed=allowed)
     low = {part: place - lift for part, place in moved.items()}  # the ankles at 0 on the floor
     toes = {f"{side}_toe": low[f"{side}_toe"] - _toe_height(low, side) * Z for side in SIDES}
     found = detect({**toes, **{n: moved[n] for n in NAMES if "foot" not in n}}, motion.fps, body.leg)
@@ -120,19 +131,41 @@ def _toe_height(low: dict[str, Mat], side: str) -> float:
 
 
 def _trunk(joints: dict[str, Mat]) -> Mat:
-    """Axes of the chest, x forward, z from hips to shoulders ``(T, 3, 3)``."""
+    """Axes of the chest, x forward, z from hips to shoulders ``(T, 3, 3)``.
+
+    Hips and shoulders give its left together, the hips alone if they contradict each other.
+    """
     shoulders = 0.5 * (joints["left_shoulder"] + joints["right_shoulder"])
     up = unit(shoulders - 0.5 * (joints["left_hip"] + joints["right_hip"]))
-    left = unit(joints["left_hip"] - joints["right_hip"]) + unit(joints["left_shoulder"] - joints["right_shoulder"])
-    forward = unit(np.cross(left, up))
-    return np.stack((forward, np.cross(up, forward), up), axis=2)
+    hips = unit(joints["left_hip"] - joints["right_hip"])
+    left = hips + unit(joints["left_shoulder"] - joints["right_shoulder"])
+    left = np.where(np.linalg.norm(left, axis=1, keepdims=True) < ASTRIDE, hips, left)
+    forward, known = _across(left, up)
+    return _held(np.stack((forward, np.cross(up, forward), up), axis=2), known)
 
 
 def _hips(joints: dict[str, Mat], trunk: Mat) -> Mat:
     """Axes of the pelvis, y along the hips, as far up as the trunk ``(T, 3, 3)``."""
     left = unit(joints["left_hip"] - joints["right_hip"])
-    forward = unit(np.cross(left, trunk[:, :, 2]))
-    return np.stack((forward, left, np.cross(forward, left)), axis=2)
+    forward, known = _across(left, trunk[:, :, 2])
+    return _held(np.stack((forward, left, np.cross(forward, left)), axis=2), known)
+
+
+def _across(left: Mat, up: Mat) -> tuple[Mat, Mask]:
+    """Directions ahead ``(T, 3)``, and the frames in which left and up are not in one line."""
+    ahead = np.cross(left, up)
+    return unit(ahead), np.asarray(np.linalg.norm(ahead, axis=1) > ASTRIDE * np.linalg.norm(left, axis=1))
+
+
+def _held(axes: Mat, known: Mask) -> Mat:
+    """Axes ``(T, 3, 3)`` with those of the nearest known frame for all others; raises DeclarationError without one."""
+    frames = np.flatnonzero(known)
+    if not frames.size:
+        raise DeclarationError(
+            "motion", "hips and shoulders are in one line", allowed="a trunk above or beside the hips"
+        )
+    nearest = np.searchsorted(0.5 * (frames[1:] + frames[:-1]), np.arange(len(axes)))
+    return np.asarray(axes[frames[nearest]])
 
 
 def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: float) -> tuple[Mat, Mat, Edges]:

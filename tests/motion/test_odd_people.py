@@ -1,0 +1,65 @@
+"""People whose hips and shoulders contradict each other, or whose place is far away."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import hqp
+from hqp.errors import DeclarationError
+from hqp.motion import Motion, retarget
+from hqp.motion.body import Body
+from hqp.motion.joints import parts_of
+from hqp.motion.skeleton_map import find_map
+from hqp.motion.targets import targets_of
+
+from .people import NAMES, PARENTS, stand
+
+ARMS = [k for k, name in enumerate(NAMES) if "Arm" in name or "Hand" in name]
+
+
+def _turned(axis: Any, angles: Any) -> Motion:
+    """A standing person whose arms turn about an axis through the hips."""
+    motion = stand(2.0)
+    places, hips = motion.positions.copy(), motion.positions[:, :1]
+    turns = Rotation.from_rotvec(np.outer(angles, axis)).as_matrix()
+    places[:, ARMS] = hips + np.einsum("tij,tkj->tki", turns, (places - hips)[:, ARMS])
+    return Motion(NAMES, places, motion.fps, PARENTS)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_axes_are_rotations_however_the_trunk_turns(seed: int) -> None:
+    """Shoulders that turn by a full turn, and a trunk that folds along the hips, in drawn frames exactly so."""
+    rng = np.random.default_rng(seed)
+    angles = np.pi * rng.integers(-4, 5, 60) / [1, 2, 4][seed % 3]
+    motion = _turned([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]][seed % 2], angles)
+    robot = hqp.robots.load("g1")
+    body = Body.of(robot, find_map(None, robot))
+    found = targets_of(motion, parts_of(NAMES), body)
+    for axes in found.axes.values():
+        np.testing.assert_allclose(np.linalg.det(axes), 1.0, atol=1e-6)
+        np.testing.assert_allclose(axes @ np.swapaxes(axes, 1, 2), np.tile(np.eye(3), (60, 1, 1)), atol=1e-6)
+    assert all(np.isfinite(place).all() for place in found.places.values())
+
+
+def test_exchanged_arms_are_said_and_do_not_stop() -> None:
+    found = retarget(_turned([0.0, 0.0, 1.0], np.full(60, np.pi)).part(0, 4), "g1")
+    assert "exchanged" in " ".join(found.notes)
+    assert np.isfinite(found.q).all()
+
+
+@pytest.mark.parametrize("motion", [None, stand(0.1).positions, 3])
+def test_another_thing_than_a_motion_ends_in_a_sentence(motion: Any) -> None:
+    with pytest.raises(DeclarationError, match="a Motion"):
+        retarget(motion, "g1")
+
+
+def test_a_trunk_along_the_hips_and_a_place_too_far_away_end_in_a_sentence() -> None:
+    with pytest.raises(DeclarationError, match="in one line"):
+        retarget(_turned([1.0, 0.0, 0.0], np.full(60, 0.5 * np.pi)), "g1")
+    motion = stand(0.1)
+    with pytest.raises(DeclarationError, match="distance from the origin"):
+        retarget(Motion(NAMES, motion.positions + [2e4, 0.0, 0.0], 30.0, PARENTS), "g1")
