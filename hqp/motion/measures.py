@@ -14,7 +14,7 @@ from hqp.tasks import CollisionAvoidance
 from .contacts import Mask
 from .holds import turn
 from .joints import SIDES
-from .stacks import Stacks
+from .stacks import Stacks, may_collide
 from .targets import Targets
 
 LEVEL = 2e-3
@@ -138,16 +138,24 @@ def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[
     from hqp.tasks.collision_scene import scene
 
     n = len(bodies[0])
+    least, lowest = np.full(n, np.inf), np.full(n, np.inf)
     try:
-        found = scene(CollisionAvoidance(clearance=0.0), robot)
+        own = robot.capsules
     except ModelError:
-        return np.full(n, np.inf), np.full(n, np.inf)
+        return least, lowest
+    above = set(stacks.links)
+    for link in (capsule for capsule in own if capsule.name in above):
+        p, R = bodies[0][:, link.body], bodies[1][:, link.body]
+        for end in (link.a, link.b):
+            lowest = np.minimum(lowest, (p + R @ np.array(end))[:, 2] - link.radius)
+    if not may_collide(robot):
+        return least, lowest
+    found = scene(CollisionAvoidance(clearance=0.0), robot)
     capsules, pairs = found.capsules, found.pairs
     ends = []
     for capsule in capsules:
         p, R = bodies[0][:, capsule.body], bodies[1][:, capsule.body]
         ends.append((p + R @ np.array(capsule.a), p + R @ np.array(capsule.b)))
-    least, lowest = np.full(n, np.inf), np.full(n, np.inf)
     for row, (i, j) in enumerate(pairs):
         if not found.is_hull(j):
             apart = segments(*ends[i], *ends[j]) - capsules[i].radius - capsules[j].radius
@@ -164,10 +172,6 @@ def _collisions(robot: Robot, stacks: Stacks, bodies: tuple[Mat, Mat]) -> tuple[
             i, j = pairs[hulls[one]]
             there = [(first[k], second[k]) for first, second in (ends[i], placed[j])]
             least[k] = min(least[k], found.measure(hulls[one], np.zeros((0, 4, 4)), *there)[0] - kept[one, 0])
-    above = set(stacks.links)
-    for each, (capsule, (a, b)) in enumerate(zip(capsules, ends, strict=True)):
-        if capsule.name in above and not found.is_hull(each):
-            lowest = np.minimum(lowest, np.minimum(a[:, 2], b[:, 2]) - capsule.radius)
     return least, lowest
 
 

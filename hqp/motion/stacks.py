@@ -14,9 +14,10 @@ from hqp.declare.element import Element, Task
 from hqp.declare.law import P
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Level, Stack
-from hqp.errors import ModelError
+from hqp.errors import DeclarationError, ModelError
 from hqp.robots.knees import knee
 from hqp.tasks import AlignAxis, CollisionAvoidance, Com, JointLimits, Orientation, Pose, Position, Posture, Within
+from hqp.tasks.collision_scene import scene
 
 from .body import Body
 from .joints import SIDES
@@ -139,17 +140,18 @@ class Stacks:
             floor, pairs = shapes.half_space(FLOOR), tuple((link, FLOOR) for link in links)
             avoided: dict[str, dict[str, Any]] = {"self_collision": {}, FLOOR: {"pairs": pairs, "world": (floor,)}}
             for name, given in avoided.items():
-                found.append(
-                    CollisionAvoidance(
-                        name=name,
-                        clearance=0.0,
-                        influence=INFLUENCE,
-                        rate=rate,
-                        braking=BRAKING,
-                        recovery=RECOVERY,
-                        **given,
+                if name == FLOOR or may_collide(self.robot):
+                    found.append(
+                        CollisionAvoidance(
+                            name=name,
+                            clearance=0.0,
+                            influence=INFLUENCE,
+                            rate=rate,
+                            braking=BRAKING,
+                            recovery=RECOVERY,
+                            **given,
+                        )
                     )
-                )
         return found
 
     def _knees(self, rate: float) -> list[Element]:
@@ -264,3 +266,12 @@ class Stacks:
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
             "posture": [self.posture],
         }
+
+
+def may_collide(robot: Robot) -> bool:
+    """Return true if two links of a robot with shapes may touch by accident."""
+    try:
+        scene(CollisionAvoidance(clearance=0.0), robot)
+    except DeclarationError:
+        return False
+    return True
