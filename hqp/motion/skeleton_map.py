@@ -110,7 +110,8 @@ def parse(text: str, name: str = "map") -> SkeletonMap:
 
 
 def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMap:
-    """A map as given, from a file, by name, or for None the first shipped one that fits the robot.
+    """A map as given, from a file, by name, or for None the first shipped one that fits the robot, its soles at the
+    robot's lowest shapes.
 
     Raises DeclarationError where none does, FrameNotFound for one that does not fit.
     """
@@ -120,7 +121,9 @@ def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMa
         if not fitting:
             allowed = f"map=FILE, which `hqp retarget --suggest-map` begins; shipped: {', '.join(maps)}"
             raise DeclarationError("retarget", "no shipped map fits the robot", value=robot.name, allowed=allowed)
-        found = fitting[0]
+        from .suggestion import on_shapes
+
+        found = on_shapes(fitting[0], robot)
     elif isinstance(given, SkeletonMap):
         found = given
     elif str(given) in (maps := shipped()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +19,9 @@ from .skeleton_map import Offset, SkeletonMap
 NEAR = 1e-3
 """Height above the lowest shapes of its link below which a frame belongs to the sole [m]."""
 
+
+HAND = 0.35
+"""Length of a hand with fingers as a share of the arm's, at most: elbows part, too, into forearm and rods."""
 
 OFF_AXIS = 0.025
 """Distance from the axis of a joint below which a place is on it [m]."""
@@ -46,6 +50,8 @@ def suggest_map(robot: Robot) -> SkeletonMap:
     offsets: dict[str, Offset] = {}
     for side, foot, hand, leg, arm in zip(SIDES, feet, hands, legs, arms, strict=True):
         own = leg[1:]
+        if len(own) < 2:
+            raise DeclarationError("suggest-map", f"no {side} leg", value=foot, allowed="at least two joints")
         knee = tree.half_way(own, tree.place(foot))
         hip = tree.first_beside(own[: own.index(knee)] or own[:1], knee)
         frames |= {f"{side}_hip": tree.frame(hip), f"{side}_knee": tree.frame(knee)}
@@ -78,6 +84,24 @@ def _sole(robot: Robot, frame: str) -> Offset | None:
     middle = np.array([*0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0)), points[:, 2].min()])
     x, y, z = (state.rotation(frame).T @ turn.T @ (middle - place)).tolist()
     return round(x, 6), round(y, 6), round(z, 6)
+
+
+def on_shapes(found: SkeletonMap, robot: Robot) -> SkeletonMap:
+    """A map whose soles are as low as the lowest shapes of their links: files of one robot differ in them."""
+    offsets = dict(found.offsets)
+    for part in (f"{side}_sole" for side in SIDES):
+        frame, offset = found.frames[part], np.array(found.offset(part))
+        try:
+            turn, points = level_sole(robot, frame)
+        except ModelError:
+            continue
+        state = robot.state(robot.home)
+        R = turn @ state.rotation(frame)
+        place = state.position(frame) + R @ offset
+        if len(points) and abs(drop := float(points[:, 2].min() - place[2])) > NEAR:
+            x, y, z = (offset + drop * R[2]).tolist()
+            offsets[part] = round(x, 6), round(y, 6), round(z, 6)
+    return replace(found, offsets=offsets)
 
 
 class _Tree:
@@ -131,7 +155,17 @@ class _Tree:
     def hands(self) -> tuple[str, ...]:
         """Frames of the two ends of the tree that are furthest to the sides, but for the two lowest."""
         high = sorted(self._ends()[2:], key=lambda b: float(self._places[b][1]))
-        return (self.frame(high[-1]), self.frame(high[0])) if len(high) > 1 else ()
+        return (self.frame(self._palm(high[-1])), self.frame(self._palm(high[0]))) if len(high) > 1 else ()
+
+    def _palm(self, tip: int) -> int:
+        """The body at which the fingers part of which one ends in a tip; the tip if there are no others."""
+        chain = [tip]
+        while self._parents[chain[-1]] > 1:
+            chain.append(self._parents[chain[-1]])
+        way = np.cumsum([0.0, *(np.linalg.norm(self._places[a] - self._places[b]) for a, b in pairwise(chain))])
+        parting = [b for b in set(self._parents) if self._parents.count(b) > 1]
+        near = [b for b, left in zip(chain, way, strict=True) if b in parting and left < HAND * way[-1]]
+        return near[-1] if near else tip
 
     def _ends(self) -> list[int]:
         """Ends of the tree beside its middle, the lowest first."""

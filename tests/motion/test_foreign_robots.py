@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,9 @@ import pytest
 
 import hqp
 from hqp.errors import DeclarationError
-from hqp.motion import Motion, SkeletonMap, branches, retarget, shortfalls
+from hqp.motion import Motion, SkeletonMap, branches, retarget, shortfalls, skeleton_map
 from hqp.motion.body import Body
+from hqp.motion.skeleton_map import find_map
 from hqp.motion.suggestion import suggest_map
 from hqp.motion.tracker import LEAN, OFF
 
@@ -215,3 +217,65 @@ def test_a_leaning_trunk_is_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None
 def test_no_map_for_an_arm() -> None:
     with pytest.raises(DeclarationError, match="base is fixed"):
         suggest_map(hqp.robots.load("ur5"))
+
+
+@pytest.mark.parametrize("fingers", [1, 2, 5])
+def test_hands_are_where_fingers_part(tmp_path: Path, fingers: int) -> None:
+    """A hand of several fingers is its palm, one of a single finger its end."""
+
+    def arm(side: str) -> str:
+        ends = "".join(
+            f'<body name="{side}_finger_{k}" pos="{0.02 * k} 0 -.09"><joint name="{side}_finger_{k}" axis="0 1 0" '
+            'range="-1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.04" size=".008" mass=".02"/></body>'
+            for k in range(fingers)
+        )
+        whole = _arm(side, np.random.default_rng(fingers), hangs=True, wrist=True)
+        at = whole.index("</body>", whole.index(f"{side}_hand"))
+        return whole[:at] + ends + whole[at:]
+
+    robot = hqp.robots.load(_humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.05, (arm("left"), arm("right"))))
+    found = suggest_map(robot)
+    assert found.frames["left_hand"] == ("left_hand" if fingers > 1 else "left_finger_0")
+    assert found.frames["right_elbow"] == "right_forearm"
+
+
+@pytest.mark.parametrize("kept", ["trunk", "foot"])
+def test_robots_with_shapes_on_few_links(tmp_path: Path, kept: str) -> None:
+    """If no two links may touch by accident, there is no self-collision to avoid or to report."""
+    path = _humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.05)
+    bodies = re.split(r"(?=<body )", path.read_text())
+    silent = [
+        b if kept in b.split(">")[0] else b.replace("<geom ", '<geom contype="0" conaffinity="0" ') for b in bodies
+    ]
+    path.write_text("".join(silent))
+    robot = hqp.robots.load(path)
+    done = retarget(stand(0.1), robot, map=suggest_map(robot))
+    assert done.measures.summary()["hand_p99"] < OFF
+
+
+@pytest.mark.parametrize("low", [0.004, 0.05])
+def test_shipped_maps_stand_on_the_shapes_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, low: float
+) -> None:
+    robot = hqp.robots.load(_humanoid(tmp_path / "somebody.xml", TURNS["aslant"], 0.08))
+    own = suggest_map(robot)
+    frame = own.frames["left_sole"]
+    up = robot.state(robot.home).rotation(frame)[2]
+    moved = {part: tuple((np.array(at) + low * up).tolist()) for part, at in own.offsets.items() if "sole" in part}
+    monkeypatch.setattr(skeleton_map, "shipped", lambda: {"other": SkeletonMap(own.frames, moved)})
+    found = find_map(None, robot)
+    for part in moved:
+        np.testing.assert_allclose(found.offsets[part], own.offsets[part], atol=2e-6)
+
+
+@pytest.mark.slow
+def test_every_robot_of_the_catalogue_has_a_map_or_a_reason() -> None:
+    refused = []
+    for name in hqp.robots.names():
+        robot = hqp.robots.load(name)
+        try:
+            suggest_map(robot).check(robot)
+        except DeclarationError as error:
+            refused.append(str(error))
+    assert len(refused) > 10
+    assert not any("\n" in error for error in refused)
