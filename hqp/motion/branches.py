@@ -25,6 +25,9 @@ ABOVE = ("subject_to", "stance", "ground", "swing", "hands")
 TURNED = ("soles", "trunk")
 """Levels whose residual is at most ``LEAN`` in an acceptable start."""
 
+UPRIGHT = 0.25
+"""Share of ``LEAN`` up to which they turn in a start that ends the search: with the body aside another is better."""
+
 TOLERANCE = 2e-3
 """Tolerance of ``reach`` [m, rad]."""
 
@@ -47,9 +50,9 @@ def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
 
 
 def _enough(found: Reached) -> bool:
-    """Return true if feet and hands are at their targets and neither trunk nor soles lean: the rest is posture."""
+    """Return true if feet and hands are at their targets and trunk and soles upright: the rest is posture."""
     met = all(found.residuals[level] < SAME for level in found.residuals if level in ABOVE)
-    return met and _excess(found) == 0.0
+    return met and all(found.residuals[level] < UPRIGHT * LEAN for level in found.residuals if level in TURNED)
 
 
 def _excess(found: Reached) -> float:

@@ -196,7 +196,9 @@ def test_a_start_that_leans_is_worse_than_hands_a_little_off() -> None:
     assert branches._worse(leaning, off)
     assert not branches._worse(off, leaning)
     assert not branches._enough(leaning)
-    assert branches._enough(reached(residuals={**levels, "trunk": 0.5 * LEAN}))
+    assert branches._enough(reached(residuals={**levels, "trunk": 0.1 * LEAN}))
+    for level in ("soles", "trunk"):  # another heading may have the body upright
+        assert not branches._enough(reached(residuals={**levels, level: 0.8 * LEAN}))
 
 
 @pytest.mark.long
