@@ -12,6 +12,9 @@ from hqp.tasks.support_polygon import hull
 ROUNDS = 8
 """Largest number of rounds in which places of feet, or a path, are moved apart."""
 
+SOON = 0.2
+"""Share of a swing in which a foot is moved aside at the earliest: half way, 9 mm at lift-off would be 82 there."""
+
 NEAR = 1e-4
 """Overlap that is left [m]."""
 
@@ -86,15 +89,19 @@ def aside(path: Mat, outlines: list[Mat], others: list[Mat], ways: Mat) -> Mat:
     """A path between two stances ``(n, 3)``, moved aside so that its outlines pass by those of the other leg.
 
     outlines: the leg about its place in each frame.  others: the other leg.  ways ``(n, 2)``: away from it.
-    The shift is 0 and at rest at both ends, and largest half way.
+    Each shift is 0 and at rest at both ends, and as large as it has to be from the first to the last overlap, which
+    count as ``SOON`` from the ends at least.
     """
-    s = (np.arange(len(path)) + 1.0) / (len(path) + 1.0)
-    share, path = 16.0 * (s * (1.0 - s)) ** 2, path.copy()
+    s, path = (np.arange(len(path)) + 1.0) / (len(path) + 1.0), path.copy()
     for _ in range(ROUNDS):
         each = zip(path, outlines, others, ways, strict=True)
         lacks = np.array([overlap(p[:2] + one, other, way) for p, one, other, way in each])
-        k = int((lacks * share).argmax())
-        if lacks[k] * share[k] < NEAR:
+        if lacks.max() < NEAR:
             break
+        near = s[lacks > NEAR]
+        first, last = (min(max(edge, SOON), 1.0 - SOON) for edge in (near[0], near[-1]))
+        x = np.clip(np.minimum(s / first, (1.0 - s) / (1.0 - last)), 0.0, 1.0)
+        share = x * x * (3.0 - 2.0 * x)
+        k = int((lacks / share).argmax())
         path[:, :2] += np.outer(share, lacks[k] / share[k] * ways[k])
     return path

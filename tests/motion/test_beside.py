@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 import hqp
 from hqp.arrays import Mat, Vec
 from hqp.motion import Motion
-from hqp.motion.beside import Leg, Pair, aside, overlap, part
+from hqp.motion.beside import SOON, Leg, Pair, aside, overlap, part
 from hqp.motion.body import Body
 from hqp.motion.contacts import Contacts, runs
 from hqp.motion.joints import SIDES, parts_of
@@ -85,7 +85,8 @@ def test_a_swing_passes_by_the_other_leg(seed: int) -> None:
     assert any(_meet(p[:2] + outline @ R[:2, :2].T, other) for p in path)
     assert not any(_meet(p[:2] + (outline * 0.99) @ R[:2, :2].T, other) for p in found)
     moved = np.linalg.norm(found - path, axis=1)
-    assert moved[[0, -1]].max() < 16.0 / n**2 * moved.max()
+    assert moved[[0, -1]].max() < 3.0 / (SOON * n) ** 2 * moved.max()
+    assert moved.max() < 1.05 * max(overlap(p[:2] + outline @ R[:2, :2].T, other, R[:2, 1]) for p in path)
 
 
 @pytest.mark.long
