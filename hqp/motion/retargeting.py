@@ -156,6 +156,8 @@ def _contacts(given: str | Path | Mask, frames: int) -> Mask | None:
     if array.ndim != 2 or array.shape != (frames, len(names)):
         allowed = f"({frames}, {len(names)}): {', '.join(names)}"
         raise DeclarationError("retarget", f"contacts have shape {array.shape}", allowed=allowed)
+    if len(set(names)) < len(names):
+        raise DeclarationError("retarget", "contacts named twice", value=names, allowed=", ".join(NAMES))
     strange = [name for name in names if name not in NAMES]
     if strange:
         raise DeclarationError("retarget", "unknown contact", value=strange[0], allowed=", ".join(NAMES))

@@ -131,7 +131,7 @@ def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMa
     else:
         try:
             found = parse(Path(given).read_text(encoding="utf-8"), str(given))
-        except OSError as error:
+        except (OSError, UnicodeDecodeError) as error:
             allowed = f"a file, or {', '.join(maps)}"
             raise DeclarationError("map", f"cannot be read: {error}", value=str(given), allowed=allowed) from error
     found.check(robot)

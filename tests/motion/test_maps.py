@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,9 @@ def test_heading_and_ankles_of_the_home_do_not_matter(name: str, seed: int) -> N
     assert again.frames == suggested.frames
     for part, offset in suggested.offsets.items():
         np.testing.assert_allclose(again.offsets[part], offset, atol=3e-3)
+
+
+def test_a_file_of_bytes_is_no_map(tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(DeclarationError, match="cannot be read"):
+        find_map(tmp_path / "map.toml", catalogued("g1"))

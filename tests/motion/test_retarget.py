@@ -215,6 +215,9 @@ def test_contacts_of_ones_own(tmp_path: Path, g1: hqp.robots.Robot) -> None:
     assert retarget(motion, g1, contacts=tmp_path / "c.npz").contacts.tolist() == mask.tolist()
     with pytest.raises(DeclarationError, match="contacts have shape"):
         retarget(motion, g1, contacts=mask[1:])
+    np.savez(tmp_path / "c.npz", contacts=mask[:, [1, 1]], contact_names=["right_foot", "right_foot"])
+    with pytest.raises(DeclarationError, match="named twice"):
+        retarget(motion, g1, contacts=tmp_path / "c.npz")
 
 
 def test_files(walked: Retargeted, tmp_path: Path) -> None:
