@@ -21,9 +21,10 @@ from hqp.tasks import CenterOfPressure, CollisionAvoidance, Com, ContactForce, E
 from hqp.torque.program import Torque
 from hqp.walking.feet import Foot, feet_of
 from hqp.walking.footsteps import rotation
+from hqp.walking.pendulum import natural_frequency
 from hqp.walking.stacks import BOTH, FIRM, HASTE, Laws
 
-REACH = 0.08
+REACH = 0.15
 """Largest change of a landing by the DCM [m]."""
 
 SPARE = 0.4
@@ -186,12 +187,13 @@ class Carrying(Tracking):
         else:
             side = 1 - [foot.name for foot in self.feet].index(self.phase)
             frame = self.feet[side].frame
-            self._aim(i, side, state, dcm)
+            speed = self._aim(i, side, state, dcm)
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = told.rotation(frame), told.position(frame)
             pose[:2, 3] += self.moved + self.landing
             pose[2, 3] -= SINK * self.late[side]
             twist, push = told.jacobian(frame) @ told.v, self.pushes[side]
+            twist[:2] += speed
             if self.late[side] > 0.0:
                 twist[2] -= SINK
             push = push[i] + since * self.fps * (push[i + 1] - push[i])
@@ -210,21 +212,28 @@ class Carrying(Tracking):
         along = rotation(-yaw_of(state.rotation(foot.frame))) @ force[:2]
         return self.loads[side].at([*along, force[2], 0.0, 0.0])
 
-    def _aim(self, i: int, side: int, state: Any, dcm: Any) -> None:
-        """Move the landing of a swing foot by the DCM's error at that time, less that which the ankle makes up for."""
+    def _aim(self, i: int, side: int, state: Any, dcm: Any) -> Any:
+        """Move the landing of a swing foot by the DCM's error at that time, less that which the ankle makes up for.
+
+        Returns its speed ``(2,)`` [m/s]: it arrives as the foot lands, since a sudden move throws the body.
+        """
         rests = self.rests[side][i:]
         left = float(np.argmax(rests)) / self.fps if rests.any() else math.inf
         if not SETTLED < left < 1.0:
-            return
+            return np.zeros(2)
         stance = self.feet[1 - side]
         R = state.rotation(stance.frame)[:2, :2]
         xi = state.com()[:2] + state.com_velocity()[:2] / self.omega
         error = R.T @ (xi - dcm)
         x_min, x_max, y_min, y_max = stance.rectangle
         most = 0.5 * SPARE * np.array([x_max - x_min, y_max - y_min])
-        beyond = np.sign(error) * np.maximum(np.abs(error) - most, 0.0) * math.exp(self.omega * left)
+        height = float(state.com()[2] - state.position(stance.frame)[2])
+        grown = math.exp(natural_frequency(height, -self.robot.gravity[2]) * left)
+        beyond = np.sign(error) * np.maximum(np.abs(error) * grown - most * (grown - 1.0), 0.0)
         aim = R @ np.clip(beyond, -REACH, REACH)
-        self.landing += np.clip(aim - self.landing, -1.0 * DT, 1.0 * DT)  # at most 1 m/s
+        speed = np.clip((aim - self.landing) / (left - 0.5 * SETTLED), -1.0, 1.0)
+        self.landing += DT * speed
+        return speed
 
     def _landed(self, stance: str, state: Any, told: Any) -> None:
         """Move the rest of the plan to where the foot came down."""
