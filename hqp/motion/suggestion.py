@@ -88,14 +88,14 @@ def _sole(robot: Robot, frame: str) -> Offset | None:
 
 def on_shapes(found: SkeletonMap, robot: Robot) -> SkeletonMap:
     """A map whose soles are as low as the lowest shapes of their links: files of one robot differ in them."""
-    offsets = dict(found.offsets)
+    offsets, own = dict(found.offsets), robot.copy()
     for part in (f"{side}_sole" for side in SIDES):
         frame, offset = found.frames[part], np.array(found.offset(part))
         try:
-            turn, points = level_sole(robot, frame)
+            turn, points = level_sole(own, frame)
         except ModelError:
             continue
-        state = robot.state(robot.home)
+        state = own.state(own.home)
         R = turn @ state.rotation(frame)
         place = state.position(frame) + R @ offset
         if len(points) and abs(drop := float(points[:, 2].min() - place[2])) > NEAR:
