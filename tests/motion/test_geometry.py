@@ -631,9 +631,9 @@ def reached(**residuals: float) -> Any:
 
 def test_a_start_is_enough_if_nothing_is_behind() -> None:
     assert _enough(reached())
-    assert _enough(reached(trunk=0.79, soles=0.79, posture=9.0))
+    assert _enough(reached(trunk=0.19, soles=0.19, posture=9.0))
     assert not _enough(reached(hands=0.006))
-    assert not _enough(reached(trunk=0.81))
+    assert not _enough(reached(trunk=0.21))
     assert _excess(reached(hands=0.1, trunk=1.2)) == pytest.approx(1.0 + 0.5)
 
 
