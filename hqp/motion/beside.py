@@ -96,12 +96,14 @@ def aside(path: Mat, outlines: list[Mat], others: list[Mat], ways: Mat) -> Mat:
     for _ in range(ROUNDS):
         each = zip(path, outlines, others, ways, strict=True)
         lacks = np.array([overlap(p[:2] + one, other, way) for p, one, other, way in each])
-        if lacks.max() < NEAR:
-            break
         near = s[lacks > NEAR]
+        if not near.size:
+            break
         first, last = (min(max(edge, SOON), 1.0 - SOON) for edge in (near[0], near[-1]))
         x = np.clip(np.minimum(s / first, (1.0 - s) / (1.0 - last)), 0.0, 1.0)
         share = x * x * (3.0 - 2.0 * x)
-        k = int((lacks / share).argmax())
+        k = int((lacks * share).argmax())
+        if lacks[k] * share[k] < NEAR:
+            break  # where a foot lifts and lands the places of its stances have parted the legs
         path[:, :2] += np.outer(share, lacks[k] / share[k] * ways[k])
     return path

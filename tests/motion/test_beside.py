@@ -89,6 +89,18 @@ def test_a_swing_passes_by_the_other_leg(seed: int) -> None:
     assert moved.max() < 1.05 * max(overlap(p[:2] + outline @ R[:2, :2].T, other, R[:2, 1]) for p in path)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_legs_that_touch_as_a_foot_lifts_move_no_swing(seed: int) -> None:
+    """A stance overlaps the other leg by less than a millimetre, and its swing leads away from there, or to it."""
+    rng = np.random.default_rng(seed)
+    n, deep = int(rng.integers(60, 120)), rng.uniform(1e-4, 5e-4)
+    outline = np.array([[-0.1, -0.04], [0.1, -0.04], [0.1, 0.04], [-0.1, 0.04]])
+    aside_of = 0.08 - deep + 0.2 * np.linspace(0.0, 1.0, n)
+    path = np.column_stack((np.linspace(0.0, 0.05, n), aside_of, np.zeros(n)))[:: [1, -1][seed % 2]]
+    found = aside(path, [outline] * n, [outline] * n, np.repeat([[0.0, 1.0]], n, axis=0))
+    assert np.abs(found - path).max() < 2e-3
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_legs_keep_apart_at_the_height_of_the_higher_foot(seed: int) -> None:
