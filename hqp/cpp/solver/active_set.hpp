@@ -87,10 +87,10 @@ class ActiveSet {
     problem_.updating = true;
   }
 
-  // An optimum that was judged is uncertain if it is one only because rows count as active near their bounds, and moves
-  // where they are at them.  free (count, n): directions that no level sees.
+  // An optimum that was judged is uncertain if it leaves rows by more than their error, and moves where it meets them.
+  // free (count, n): directions that no level sees.
   void doubt_rows(const double* free, int count) {
-    if (conditions_.to_bounds(free, count) > kUncertain && !judge_.stands()) state.outcome = Outcome::rank_uncertain;
+    if (conditions_.to_bounds(free, count) > kUncertain) state.outcome = Outcome::rank_uncertain;
   }
 
  private:

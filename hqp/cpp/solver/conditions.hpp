@@ -156,11 +156,13 @@ struct Conditions {
     fix();
   }
 
-  // The least motion, of 1 + |x|, that brings the active rows to their bounds and keeps fixed rows, after a verdict.
+  // The least motion, of 1 + |x|, that brings the rows beyond their bounds back and keeps fixed rows, after a verdict.
+  // Each row is met to its error: rounding of its value and its bound, which grows along nearly dependent rows.
   // free (count, n): directions that no level sees, which cost little.
   double to_bounds(const double* free, int count) {
     null_space.rank = 0;
-    double* part = g_;
+    double *part = g_, *errors = y_;
+    const auto error = [&](int q) { return 2.0 * kOnRow * (norm(q) + terms[q]); };
     const auto bring = [&](int q, double off) {
       if (!null_space.freedom()) return;
       unit_row(q, t_);
@@ -173,14 +175,20 @@ struct Conditions {
       null_space.project(t_);
       const double length = null_space.length(t_);
       if (!(length > larger(kOnRow, kRounding * whole))) return;
-      part[rank] = (off + dot_any(t_, part, rank)) / (t_[rank] >= 0.0 ? length : -length);
+      double most = error(q) / norm(q);
+      for (int j = 0; j < rank; ++j) most += std::fabs(t_[j]) * errors[j];
+      errors[rank] = most / length;
+      const double by = off + dot_any(t_, part, rank), beyond = larger(std::fabs(by) - most, 0.0) / length;
+      part[rank] = (by >= 0.0) == (t_[rank] >= 0.0) ? beyond : -beyond;
       null_space.add(t_, length);
     };
     for (const bool off : {true, false})
       for (int q = 0; q < all; ++q) {
         if (state[q] == kAhead || (!off && !null_space.rank)) continue;
-        const double out = upper(q) == lower(q) || !side[q] ? 0.0 : v[q] - (side[q] > 0 ? upper(q) : lower(q));
-        const bool missing = std::fabs(out) > kRounding * (norm(q) + terms[q]);
+        const double out = upper(q) == lower(q) || !side[q] ? 0.0
+                           : side[q] > 0                    ? larger(v[q] - upper(q), 0.0)
+                                                            : smaller(v[q] - lower(q), 0.0);
+        const bool missing = std::fabs(out) > error(q);
         if (missing == off && (missing || state[q] == kFixed)) bring(q, off ? out / norm(q) : 0.0);
       }
     std::copy(part, part + null_space.rank, y_);
@@ -191,16 +199,6 @@ struct Conditions {
       add_any(y_, z, -dot_any(z, y_, n), n);
     }
     return std::sqrt(dot_any(y_, y_, n) / (1.0 + dot_any(x, x, n)));
-  }
-
-  // Return true if an inequality exceeds a bound by more than its tolerance of activity, and by no more than another.
-  bool leaves(double most) const {
-    for (int q = 0; q < all; ++q) {
-      if (state[q] == kAhead || upper(q) == lower(q)) continue;
-      const double off = larger(v[q] - upper(q), lower(q) - v[q]);
-      if (off > slop(q) && off * activity <= slop(q) * most) return true;
-    }
-    return false;
   }
 
   // w_k and A_k' w_k at x; the length of w_k.

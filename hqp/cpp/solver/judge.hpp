@@ -33,28 +33,22 @@ class Judge {
 
   // Return true if the accepted point would fail without rows of smaller force than this.
   bool rests_on_less(double force) {
-    return at_.faintest < force && !again(force, kViolated) && !at_.deadline.passed();
+    if (!(at_.faintest < force)) return false;
+    const double found = gap;
+    at_.threshold = reading_;
+    const bool passed = pass(force);
+    at_.threshold = kDirection;
+    gap = found;
+    return !passed && !at_.deadline.passed();
   }
-
-  // Return true if the accepted point keeps to all rows but for rounding, and passes with those at their bounds alone.
-  bool stands() { return (again(kOnRow, kOnRow) || again(kClearOf, kOnRow)) && !at_.leaves(kViolated); }
 
  private:
   Conditions& at_;
   double reading_ = kDirection;  // threshold of the latest verdict
 
-  bool again(double lock, double activity) {
-    const double found = gap;
-    at_.threshold = reading_;
-    const bool passed = pass(lock, activity);
-    at_.threshold = kDirection;
-    gap = found;
-    return passed;
-  }
-
-  bool pass(double lock, double activity = kViolated) {
+  bool pass(double lock) {
     gap = 0.0;
-    at_.begin(activity);
+    at_.begin(kViolated);
     for (int k = 0; k < at_.table->blocks && at_.null_space.freedom(); ++k) {
       const double own = at_.gap_of(k);
       gap = larger(gap, own);
