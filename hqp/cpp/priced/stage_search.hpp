@@ -14,6 +14,7 @@
 #include "row_space.hpp"
 #include "secular.hpp"
 #include "stage_rows.hpp"
+#include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
