@@ -117,7 +117,7 @@ def closest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """The ``count`` known names nearest to ``name``, best first, regardless of case."""
     names = list(known)
     by_lower = {k.lower(): k for k in names}
-    near = difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.4)
+    near = difflib.get_close_matches(str(name).lower(), by_lower, n=count, cutoff=0.4)
     return [by_lower[k] for k in near]
 
 

@@ -350,8 +350,20 @@ class Session:
         return self.line.presence
 
     def obey(self, laws: Mapping[str, Law]) -> None:
-        """Use these laws by element name from the next tick on, and the declared ones for all others."""
-        self.line.guards.laws = laws
+        """Use these laws by element name from the next tick on, and the declared ones for all others.
+
+        An element of the declared stack that is not at work takes its law when it is back.  Raises DeclarationError
+        for an element of neither stack, and for laws as ``Sequence.run``.
+        """
+        if not isinstance(laws, Mapping):
+            raise DeclarationError("session", "bad laws", value=laws, allowed="laws by name of a task, {} for none")
+        names = {element.name for element in self.stack}
+        for name, law in laws.items():
+            if name in names:
+                self.program.assembly.require_law(name, law)
+            else:
+                self.declared.find(name)
+        self.line.guards.laws = dict(laws)
 
     @property
     def declared(self) -> Stack:

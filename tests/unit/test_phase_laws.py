@@ -212,3 +212,33 @@ def test_a_phase_with_the_law_of_the_one_before_lets_it_go_on(arm: Robot) -> Non
         run.go(name)
         found = [run.step(state, goal) for _ in range(26)]
     np.testing.assert_allclose(HAND.jacobian(state) @ found[-1].x, [0.2, 0.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [3, None, "hand", [("hand", P(2.0))], {"hand": 3.0}, {"hand": PD(4.0, 4.0)}, {"arm": P(2.0)}, {4: P(2.0)}],
+    ids=repr,
+)
+def test_a_session_refuses_laws_when_they_are_given(arm: Robot, laws: Any) -> None:
+    session = hqp.Controller(ARM, deadline=np.inf).session(arm, DT)
+    with pytest.raises(DeclarationError):
+        session.obey(laws)
+    assert session.step(arm.state()).status is Status.OPTIMAL
+
+
+def test_a_session_takes_the_laws_at_the_time_of_the_call(arm: Robot) -> None:
+    session = hqp.Controller(ARM, deadline=np.inf).session(arm, DT)
+    home = arm.state().position("tool0")
+
+    def speed() -> float:
+        for _ in range(1000):  # laws have gone over
+            tick = session.step(arm.state(), HAND.at(home + [0.0, 0.0, 0.01]))
+        return float(np.linalg.norm(tick.command))
+
+    laws = {"hand": P(1.0)}
+    session.obey(laws)
+    slow = speed()
+    laws["hand"] = P(2.0)
+    assert speed() == slow
+    session.obey(laws)
+    assert speed() == pytest.approx(2.0 * slow, rel=1e-6)
