@@ -58,7 +58,7 @@ class Joints:
         """Tangent coordinates of a joint; raises JointNotFound."""
         try:
             first, count = self.columns[joint]
-        except KeyError:
+        except (KeyError, TypeError):
             raise JointNotFound(joint, [*self.columns, *groups], self._name) from None
         return range(first, first + count)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,7 +132,10 @@ class Robot:
 
     def set_home(self, q: ArrayLike) -> None:
         """Make q ``(nq,)`` the standing configuration, its joints moved into their limits; raises DeclarationError."""
-        q = np.array(q, dtype=np.float64)
+        try:
+            q = np.array(q, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DeclarationError(self.name, "home", value=q, allowed=f"numbers ({self.nq},)") from None
         if q.shape != (self.nq,):
             hint = (
                 "; robot.configuration(angles) makes a configuration from joint angles" if q.shape == (self.nv,) else ""
@@ -186,8 +189,8 @@ class Robot:
         if names is None:
             return np.array(self._joints.bodies_columns(), dtype=np.intp)
         found: list[int] = []
-        for name in (names,) if isinstance(names, str) else names:
-            for member in self.groups.get(name, (name,)):
+        for name in names if isinstance(names, Iterable) and not isinstance(names, str) else (names,):
+            for member in self.groups.get(name, (name,)) if isinstance(name, str) else (name,):
                 found += self._joints.find(member, self.groups)
         return np.array(found, dtype=np.intp)
 
@@ -316,7 +319,10 @@ class Robot:
             from . import capsule_files
 
             capsules = capsule_files.read(self.copy(), Path(capsules))
-        clone._capsules = [tuple(capsules)]
+        given = tuple(capsules) if isinstance(capsules, Iterable) else (capsules,)
+        if strangers := [one for one in given if not isinstance(one, LinkCapsule)]:
+            raise DeclarationError(self.name, "capsules", value=strangers[0], allowed="a path, or LinkCapsule(...)")
+        clone._capsules = [given]
         return clone
 
     def read_shapes(self, kind: Literal["collision", "visual"]) -> Any:

@@ -19,12 +19,12 @@ from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.errors import UnsupportedProblem
 from hqp.loop.session import Controller, Session
-from hqp.numbers import number
+from hqp.numbers import number, whole
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
 from hqp.problem.certify import certificate
 from hqp.programs.formulation import Formulation, Velocity
 from hqp.progress import tracked
-from hqp.solvers import available, load
+from hqp.solvers import load, select
 from hqp.solvers.base import Solver, Workspace
 
 BUDGET_US = 2000.0
@@ -59,8 +59,8 @@ def compare(
     that can.  BLAS takes one thread meanwhile: matrices are too small for more.
     """
     dt = number("compare", "dt", dt, 0.0, strict=True)
-    number("compare", "repeats", repeats, 0.0, strict=True)
-    chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
+    repeats = whole("compare", "repeats", repeats, 1)
+    chosen = select(solvers)
     named = [(item, load(item)) if isinstance(item, str) else (item.name, item) for item in chosen]
     states = None if states is None else tuple(states)
     session, problems = _problems(

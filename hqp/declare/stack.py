@@ -108,7 +108,7 @@ class Stack:
     def find(self, name: str, kind: type[E]) -> E: ...
     def find(self, name: str, kind: type[Any] = Element) -> Any:
         """The element of that name and type; raises DeclarationError with the closest names."""
-        element = self._by_name.get(name)
+        element = self._by_name.get(name) if isinstance(name, str) else None
         if element is None:
             near = ", ".join(closest(name, self._by_name) or self._by_name)
             raise DeclarationError("stack", "unknown element", value=name, allowed=near)
@@ -171,6 +171,12 @@ class Stack:
     def __repr__(self) -> str:
         levels = ", ".join(map(repr, self.levels))
         return f"Stack({levels}, subject_to={list(self.subject_to)!r})"
+
+
+def require_stack(owner: str, stack: object) -> None:
+    """Raise DeclarationError for anything but a Stack."""
+    if not isinstance(stack, Stack):
+        raise DeclarationError(owner, "not a Stack", value=stack, allowed="Stack(Level(...), ...)")
 
 
 def coupled(stack: Stack, robot: Robot) -> Stack:

@@ -10,7 +10,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot
-from hqp.declare.stack import Stack
+from hqp.declare.stack import Stack, require_stack
 from hqp.errors import DeclarationError, ModelError
 from hqp.loop.session import one_second
 from hqp.numbers import number, whole
@@ -105,8 +105,7 @@ def _reason(search: Search, merit: tuple[float, ...], errors: dict[str, float], 
 
 
 def _check(stack: Stack, robot: Robot, references: tuple[Reference, ...], q0: Vec | None) -> None:
-    if not isinstance(stack, Stack):
-        raise DeclarationError("reach", "stack", value=stack, allowed="Stack(Level(...), ...)")
+    require_stack("reach", stack)
     if not references:
         raise DeclarationError("reach", "no references given", allowed="task.at(...) of at least one task of the stack")
     if not hasattr(robot, "nq"):

@@ -10,9 +10,9 @@ from hqp.commands.manifest import manifest
 from hqp.commands.threads import one_thread
 from hqp.declare.stack import Stack
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
-from hqp.numbers import number
+from hqp.numbers import number, whole
 from hqp.programs.formulation import Formulation, Velocity
-from hqp.solvers import available, default, load
+from hqp.solvers import load, select
 from hqp.solvers.base import Solver
 
 from .measures import Summary, refused, summarise
@@ -42,10 +42,11 @@ def bench(
     done.  BLAS takes one thread meanwhile: matrices are too small for more.  A solver that refuses the stack, or is not
     installed, has a line with the reason.  Raises DeclarationError for a bad trajectory, plant or number.
     """
-    for name, value in (("dt", dt), ("seconds", seconds), ("certify_every", certify_every)):
+    for name, value in (("dt", dt), ("seconds", seconds)):
         number("bench", name, value, 0.0, strict=True)
+    certify_every = whole("bench", "certify_every", certify_every, 1)
     formulation = formulation or Velocity()
-    chosen = available() if solvers == "all" else (solvers or default(),) if isinstance(solvers, str) else solvers
+    chosen = select(solvers)
     ticks = max(2, round(seconds / dt))
     motion = Trajectory(trajectory, stack, robot, seconds)
     lines: list[Summary] = []

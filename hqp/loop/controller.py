@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from hqp.declare.price import Price, Priced, as_price, is_exact
 from hqp.declare.robot import Robot
 from hqp.declare.safety import Braking, RateLimits, StateBounds
-from hqp.declare.stack import Stack
+from hqp.declare.stack import Stack, require_stack
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.numbers import plain, set_numbers
 from hqp.programs.formulation import Formulation, Velocity
@@ -52,8 +52,7 @@ class Controller:
     calm: bool = True
 
     def __post_init__(self) -> None:
-        if not isinstance(self.stack, Stack):
-            raise DeclarationError("controller", "stack", value=self.stack, allowed="Stack(Level(...), ...)")
+        require_stack("controller", self.stack)
         if not isinstance(self.formulation, Formulation):
             raise DeclarationError("controller", "formulation", value=self.formulation, allowed="Velocity(), ...")
         if not isinstance(self.calm, bool):
@@ -64,6 +63,9 @@ class Controller:
         object.__setattr__(self, "price", price if self.calm else Price(0.0))
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))
+        elif not isinstance(self.solver, Solver):
+            allowed = "a name that `hqp solvers` lists, or a Solver"
+            raise DeclarationError("controller", "solver", value=self.solver, allowed=allowed)
         if self.deadline is not None:
             set_numbers(self, "controller", ("deadline",), 0.0, strict=True, infinite=True)
         for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):

@@ -18,7 +18,7 @@ from hqp.declare.law import Law
 from hqp.declare.price import Price
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot, State
-from hqp.declare.stack import Stack
+from hqp.declare.stack import Stack, require_stack
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import Note
@@ -321,6 +321,7 @@ class Session:
         ``Controller.session``, and DeclarationError for ``over`` or if a stack on the way has no contact; the session
         is then unchanged.
         """
+        require_stack("session", stack)
         alone(self._turn, self, lambda: self._changed(stack, over))
 
     def _changed(self, stack: Stack, over: float) -> None:
@@ -338,6 +339,7 @@ class Session:
 
         The session keeps the latest few stacks.  Raises the errors of ``change``.
         """
+        require_stack("session", stack)
         alone(self._turn, self, lambda: self._prepared(stack))
 
     def _prepared(self, stack: Stack) -> None:

@@ -9,10 +9,11 @@ from time import perf_counter
 import numpy as np
 
 from hqp.errors import HqpError
+from hqp.numbers import whole
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.recorder.files import RecordedTick, Recording
-from hqp.solvers import available, load
-from hqp.solvers.base import Workspace
+from hqp.solvers import load, select
+from hqp.solvers.base import Solver, Workspace
 
 AGREE = 1e-6
 """Norms of levels that differ by less, relative to 1 + their size, are the same."""
@@ -81,24 +82,25 @@ class Replay:
         )
 
 
-def replay(recording: Recording, solvers: str | Sequence[str] = "all", every: int = 1) -> Replay:
+def replay(recording: Recording, solvers: str | Solver | Sequence[str | Solver] = "all", every: int = 1) -> Replay:
     """Solve every tick of a recording again; raises HqpError for an unknown solver, or no tick to solve.
 
-    solvers: names, or "all" for those that are installed.  every: only each so many-th tick.
+    solvers: names, Solver values, or "all" that are installed.  every: only each so many-th tick.
     """
-    names = list(available()) if solvers == "all" else [solvers] if isinstance(solvers, str) else list(solvers)
+    chosen, every = select(solvers), whole("replay", "every", every, 1)
     ticks = [tick for tick in recording.ticks[::every] if tick.solution is not None]
     if not ticks:
         raise HqpError("the recording has no solved tick")
-    return Replay(recording, tuple(_line(name, ticks) for name in names), periods(recording.ticks[::every]))
+    return Replay(recording, tuple(_line(one, ticks) for one in chosen), periods(recording.ticks[::every]))
 
 
 SECONDS = 30.0
 """A solver that takes longer over a recording is stopped [s]."""
 
 
-def _line(name: str, ticks: Sequence[RecordedTick]) -> Line:
-    solver = load(name)
+def _line(chosen: str | Solver, ticks: Sequence[RecordedTick]) -> Line:
+    solver = load(chosen) if isinstance(chosen, str) else chosen
+    name = chosen if isinstance(chosen, str) else solver.name
     workspaces: dict[int, Workspace] = {}
     solved = agreed = worse = 0
     first, level, most = -1, "", 0.0

@@ -31,6 +31,7 @@ __all__ = [
     "lexicographic",
     "load",
     "nullspace",
+    "select",
     "weighted",
 ]
 
@@ -52,6 +53,7 @@ _ALONE = ("proxqp", "osqp")
 """Back ends through their own packages; every other one goes through qpsolvers."""
 _DEFAULT_BACKEND = "proxqp"  # back end of cascade and weighted
 _EXTRA = ("proxqp", "osqp", "daqp", "piqp", "clarabel")
+_ALLOWED = "a name that `hqp solvers` lists, or a Solver"
 _INSTALL = "pip install 'hqp[solvers]'"
 
 
@@ -88,12 +90,28 @@ def exact() -> str:
     return "reference" if "solver" in missing_parts() else "lexicographic"
 
 
+def select(given: str | Solver | Iterable[str | Solver]) -> tuple[str | Solver, ...]:
+    """Names and solvers of an argument that takes one or several: "all" that are available, ``default()`` for "".
+
+    Raises DeclarationError for other values.
+    """
+    if isinstance(given, str):
+        return available() if given == "all" else (given or default(),)
+    found = (given,) if isinstance(given, Solver) or not isinstance(given, Iterable) else tuple(given)
+    for one in found:
+        if not isinstance(one, (str, Solver)):
+            raise DeclarationError("solvers", "not a solver", value=one, allowed=_ALLOWED)
+    return found
+
+
 def load(name: str = "", **options: Any) -> Solver:
     """The solver of that name, ``"cascade:proxqp"`` being ``load("cascade", backend="proxqp")``; ``default()`` for "".
 
     Raises DeclarationError for an unknown name or option, SolverNotInstalled (with the pip line) where a
     package is missing.
     """
+    if not isinstance(name, str):
+        raise DeclarationError("solvers", "not a name", value=name, allowed=_ALLOWED)
     name = name or default()
     base, _, backend = name.partition(":")
     if backend:
