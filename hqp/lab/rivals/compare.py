@@ -21,7 +21,7 @@ from hqp.errors import HqpError
 from hqp.lab.behaviour import behaviour
 from hqp.lab.run import run
 from hqp.lab.trajectory import Trajectory
-from hqp.numbers import number
+from hqp.numbers import number, whole
 from hqp.programs.formulation import Velocity
 from hqp.solvers import load
 from hqp.tasks import CenterOfPressure, FrictionCone, TorqueLimits
@@ -60,8 +60,9 @@ def compare_rivals(
     median. Raises UnsupportedProblem for a stack with elements that rivals are not given, HqpError where one cannot be
     installed or its robot is another.
     """
-    for name, value in (("dt", dt), ("seconds", seconds), ("rounds", rounds)):
+    for name, value in (("dt", dt), ("seconds", seconds)):
         number("rivals", name, value, 0.0, strict=True)
+    rounds = whole("rivals", "rounds", rounds, 1)
     made = [scene(name, robot, stack) for name in scenes]
     places = {name: environment(name, progress) for name in rivals}
     found: list[Line] = []
