@@ -194,11 +194,13 @@ struct Conditions {
     std::copy(part, part + null_space.rank, y_);
     std::fill(y_ + null_space.rank, y_ + n, 0.0);
     null_space.lift(y_);
-    for (int k = 0; k < count; ++k) {
-      const double* z = free + static_cast<std::ptrdiff_t>(k) * n;
-      add_any(y_, z, -dot_any(z, y_, n), n);
-    }
-    return std::sqrt(dot_any(y_, y_, n) / (1.0 + dot_any(x, x, n)));
+    return seen(free, count);
+  }
+
+  // The motion, of 1 + |x|, from a point to x, without free directions (count, n).
+  double motion_from(const double* point, const double* free, int count) {
+    for (int i = 0; i < n; ++i) y_[i] = x[i] - point[i];
+    return seen(free, count);
   }
 
   // w_k and A_k' w_k at x; the length of w_k.
@@ -309,6 +311,15 @@ struct Conditions {
   double slop(int q) const { return activity * (norm(q) + terms[q]); }
 
  private:
+  // The length of y_, of 1 + |x|, without free directions (count, n).
+  double seen(const double* free, int count) {
+    for (int k = 0; k < count; ++k) {
+      const double* z = free + static_cast<std::ptrdiff_t>(k) * n;
+      add_any(y_, z, -dot_any(z, y_, n), n);
+    }
+    return std::sqrt(dot_any(y_, y_, n) / (1.0 + dot_any(x, x, n)));
+  }
+
   static constexpr double kClearDirection = 1e-7;  // share of a row: a longer direction is one to every solver
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
