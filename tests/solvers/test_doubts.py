@@ -59,7 +59,7 @@ def test_noise_that_moves_no_command_makes_few_uncertain() -> None:
 
 
 def test_a_cold_start_ends_at_the_same_command() -> None:
-    """An optimum on rows 1e-8 beside their bounds is as far off; the completion made 8e-5 of a torque of it."""
+    """An optimum with a gap of 1e-10 is 1e-8 off; the completion made 8e-5 of a torque of it."""
     solver, certain = hqp.solvers.load("lexicographic"), 0
     session, given = scene("romeo", "torque", 0.0)
     q, v = session.robot.home.copy(), np.zeros(session.robot.nv)

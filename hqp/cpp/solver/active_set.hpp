@@ -88,13 +88,14 @@ class ActiveSet {
   }
 
   // An optimum that was judged is uncertain if it leaves rows by more than their error, and moves where it meets them.
-  // If it rests on rows beside their bounds it moves to the optimum on those at them: the completion magnifies what is
-  // between.  free (count, n): directions that no level sees.
+  // If it has a part of a gradient left, it is lowered: the completion magnifies the motion.  free (count, n):
+  // directions that no level sees.
   void doubt_rows(const double* free, int count) {
     if (conditions_.to_bounds(free, count) > kUncertain) {
       state.outcome = Outcome::rank_uncertain;
       return;
     }
+    if (!(judge_.gap > kNoRate)) return;
     const int n = problem_.table.n;
     level_search_.lower_from(state.point.x);
     if (!(conditions_.motion_from(state.point.x, free, count) > kActive)) return;

@@ -28,11 +28,11 @@ class LevelSearch {
     arena.place(t_, n);
   }
 
-  // Lower every level once from a point; rows are active at their bounds, but for rounding.
+  // Lower every level once from a point.
   void lower_from(const double* from) {
     solves = 0;
     std::copy(from, from + at_.n, at_.x);
-    lower_all(kOnRow);
+    lower_all();
   }
 
   // Lower level after level from a point, which keeps the box; true if the final point is optimal.
@@ -43,7 +43,7 @@ class LevelSearch {
     for (int i = 0; i < at_.n; ++i) at_.x[i] = from[i];
     for (bool moved = true; moved && !spent();) {
       for (int i = 0; i < at_.n; ++i) t_[i] = at_.x[i];
-      lower_all(kAtBound);
+      lower_all();
       if (at_.deadline.passed()) return false;
       moved = !std::equal(t_, t_ + at_.n, at_.x);  // else the next round is this one again
       for (int i = 0; i < at_.n; ++i) t_[i] = at_.x[i];
@@ -60,8 +60,8 @@ class LevelSearch {
   double *d_ = nullptr, *dv_ = nullptr, *t_ = nullptr;
   int* kept_ = nullptr;
 
-  void lower_all(double activity) {
-    at_.begin(activity);
+  void lower_all() {
+    at_.begin(kAtBound);
     for (int k = 0; k < at_.table->blocks && at_.null_space.freedom(); ++k) {
       double own = at_.gap_of(k);
       if (own > kNoRate) own = lower_level(k, own);
