@@ -51,6 +51,9 @@ class JointLimits(Inequality):
 
         x <= k (v_max - v),    x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b T), the slope of the curve.
 
+    Above the curve a joint is back on it in a tick, so that noise of v at a limit changes x by 1 / dt times as much;
+    off it by no more than ``noise`` it comes back at the same rates: 2 k times as much.
+
     At torque level contacts and couplings remove a part of v by themselves, regardless of the motors: J v minus the
     velocity of their references, J v - r, by their laws' damping kd.  No joint has to brake that, and none of a leg
     that carries weight could: with k the approach
@@ -72,8 +75,8 @@ class JointLimits(Inequality):
     or m/s^2]: a.  The default of 50 is lowered for each joint to the value that the robot's data allow: effort limit /
     inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.  braking [rad/s^2 or m/s^2]:
     b, at most a (a joint brakes inside its window).  0 or None switches either off: without both f(d) = d / dt.
-    approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity [rad/s or m/s].  jerk [rad/s^3 or m/s^3]: j, 0 or
-    None for none.  Raises DeclarationError for fields, for a margin that leaves no room, and for a jerk above velocity
+    approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity, noise [rad/s or m/s].  jerk [rad/s^3 or
+    m/s^3]: j, 0 or None for none.  Raises DeclarationError for fields, for a margin that leaves no room, and for a jerk above velocity
     level or of a joint with neither speed limit nor a; JointNotFound on binding.
     """
 
@@ -84,12 +87,14 @@ class JointLimits(Inequality):
     braking: float | None = BRAKING
     approach: float | None = APPROACH
     return_velocity: float = 0.5
+    noise: float = 0.0
     jerk: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
         set_number(self, "margin", 0.0)
+        set_number(self, "noise", 0.0)
         set_number(self, "return_velocity", 0.0, strict=True)
         for name in ("speed", "acceleration", "braking", "approach", "jerk"):
             value = getattr(self, name)
@@ -168,8 +173,8 @@ class JointLimits(Inequality):
         highest, lowest = fastest(up, speed, b, back, T), -fastest(-down, speed, b, back, T)
         upper, lower = highest, lowest
         if order == 2 and approach:
-            upper = gradual(up, highest, v, speed, b, T, approach, dt)
-            lower = -gradual(-down, -lowest, -v, speed, b, T, approach, dt)
+            upper = gradual(up, highest, v, speed, b, T, approach, dt, self.noise)
+            lower = -gradual(-down, -lowest, -v, speed, b, T, approach, dt, self.noise)
             upper = np.maximum(upper, np.minimum(highest, lower))  # a gradual bound gives way where the two would cross
             lower = np.minimum(lower, np.maximum(lowest, upper))
         upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
@@ -212,7 +217,7 @@ class JointLimits(Inequality):
         *rates, approach = self.answer_rates(robot)
         bounds = (*self.position_limits(robot), self.speeds(robot), *rates)
         low, high, speed, a, b = (tuple(x.tolist()) for x in bounds)
-        return plans.JointBox(joints, low, high, speed, a, b, approach or math.inf, self.return_velocity)
+        return plans.JointBox(joints, low, high, speed, a, b, approach or math.inf, self.return_velocity, self.noise)
 
 
 _INERTIA: WeakKeyDictionary[Robot, Vec] = WeakKeyDictionary()
@@ -244,11 +249,14 @@ def fastest(way: Vec, speed: Vec, b: Vec, back: float, T: Vec) -> Vec:
     return np.where(way >= 0.0, most, -np.minimum(most, back))
 
 
-def gradual(way: Vec, most: Vec, v: Vec, speed: Vec, b: Vec, T: Vec, approach: float, dt: float) -> Vec:
+def gradual(
+    way: Vec, most: Vec, v: Vec, speed: Vec, b: Vec, T: Vec, approach: float, dt: float, noise: float = 0.0
+) -> Vec:
     """Largest velocity ``(k,)`` of the next step from v that nears top speed, curve or return gradually."""
-    curve, share, back = braking_curve(way, b, T), min(1.0, approach * dt), np.minimum(v, 0.0)
+    f, share = np.where(most > 0.0, braking_curve(way, b, T), most), min(1.0, approach * dt)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(v > 0.0, -v / (curve / b + T), 0.0)
-        near = np.minimum(v + share * (speed - v), v + dt * slope + share * (curve - v - dt * slope))
-    inside, outside = np.minimum(most, near), np.maximum(most, back + share * (most - back))
+        slope = np.where(v > 0.0, -v / (np.maximum(f, 0.0) / b + T), 0.0)
+        near = v + dt * slope + share * (f - v - dt * slope)
+    inside = np.minimum(np.minimum(most + noise, near), v + share * (speed - v))
+    outside = np.maximum(most - noise, np.minimum(near, share * most + noise))
     return np.where(np.isfinite(b), np.where(most > 0.0, inside, outside), most)

@@ -181,6 +181,7 @@ class JointBox:
     braking: tuple[float, ...]
     approach: float
     return_velocity: float
+    noise: float = 0.0
     shape: tuple[int, ...] = field(default=(), init=False)
 
 

@@ -57,8 +57,9 @@ BANDWIDTH = 40.0
 """Bandwidth with which rates follow measured ones [1/s]: at 30 iCub's torques reverse 24 times a second in place of 18,
 at 100 noise of 0.02 rad/s shows in them."""
 
-LIMITS = JointLimits(acceleration=60.0, braking=60.0)
-"""Limits above the legs: at 1000 rad/s^2 waist and arms are thrown about if a sole bounds the balance."""
+LIMITS = JointLimits(acceleration=60.0, braking=60.0, noise=0.06)
+"""Limits above the legs: at 1000 rad/s^2 waist and arms are thrown about if a sole bounds the balance; without noise
+the torque of a finger at its stop reverses 25 times a second."""
 
 
 class Walker:

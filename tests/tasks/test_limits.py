@@ -174,6 +174,20 @@ def test_noise_at_a_limit_moves_the_command_a_little(formulation: Formulation, m
     assert np.abs(np.diff(commands[2000:], axis=0)).max() < most
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_of_rates_reaches_no_acceleration_bound_with_more_than_twice_the_approach(seed: int) -> None:
+    """Drawn joints inside, at and beyond a limit: a finger of a walker at its stop had the gain 1/dt."""
+    rng = np.random.default_rng(seed)
+    k, approach, dt = 50, rng.uniform(5.0, 100.0), 0.002
+    way = rng.choice([-1.0, 0.0, 1.0], k) * 10.0 ** rng.uniform(-6.0, 0.0, k)
+    robot = robot_of(np.full(k, -10.0), way, 10.0 ** rng.uniform(-1.0, 2.0, k))
+    limits = JointLimits(acceleration=None, braking=rng.uniform(1.0, 100.0), approach=approach, noise=0.06)
+    run, v = box(limits, robot, dt, order=2), rng.choice([-1.0, 1.0], k) * 10.0 ** rng.uniform(-4.0, -2.0, k)
+    noise = rng.normal(0.0, 4e-3, k)
+    change = run(np.zeros(k), v + noise)[1] - run(np.zeros(k), v)[1]
+    assert np.all(np.abs(change) <= 2.0 * approach * np.abs(noise) + 1e-9)
+
+
 def test_braking_from_top_speed_sets_in_gradually() -> None:
     """Without a gradual bound, the change to braking on the curve is b = 5 rad/s^2 in one tick."""
     robot = hqp.robots.load("panda")

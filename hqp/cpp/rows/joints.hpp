@@ -158,7 +158,7 @@ class Frozen final : public Operation {  // joints that stay where they were
 
 struct Limits {  // limits of each joint, infinite for none; see JointLimits for the equations
   std::vector<double> low, high, speed, acceleration, braking;
-  double approach, return_velocity;  // approach [1/s], infinite for none
+  double approach, return_velocity, noise;  // approach [1/s], infinite for none; noise: that of rates
   double dt;
   int order;
 };
@@ -221,16 +221,16 @@ class JointBox final : public Operation {  // one consistent box for the next st
     out_.upper[i] = up;
   }
 
-  // Velocity of the next step from `rate` that nears braking curve and top speed gradually, at order 2.
+  // Velocity of the next step from `rate` that nears braking curve and top speed gradually, at order 2; off the curve
+  // by no more than the noise.
   double gradual(double way, double most, double rate, std::size_t i) const {
     const Limits& l = limits_;
     if (l.order == 1 || !std::isfinite(l.braking[i]) || !std::isfinite(l.approach)) return most;
-    const double share = std::min(1.0, l.approach * l.dt), back = std::min(rate, 0.0);
-    if (!(most > 0.0)) return std::max(most, back + share * (most - back));
-    const double f = curve(way, i);
-    const double slope = rate > 0.0 ? -rate / (f / l.braking[i] + horizon(i)) : 0.0;
+    const double share = std::min(1.0, l.approach * l.dt), f = most > 0.0 ? curve(way, i) : most;
+    const double slope = rate > 0.0 ? -rate / (std::max(f, 0.0) / l.braking[i] + horizon(i)) : 0.0;
     const double near = rate + l.dt * slope + share * (f - rate - l.dt * slope);
-    return std::min({most, near, rate + share * (l.speed[i] - rate)});
+    if (!(most > 0.0)) return std::max(most - l.noise, std::min(near, share * most + l.noise));
+    return std::min({most + l.noise, near, rate + share * (l.speed[i] - rate)});
   }
 
   double fastest(double way, std::size_t i) const {  // velocity towards a limit that is `way` off, or back to it

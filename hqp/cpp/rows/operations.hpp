@@ -144,6 +144,7 @@ class Operations {
             p.numbers("braking", count),
             p.number("approach"),
             p.number("return_velocity"),
+            p.number("noise"),
             dt_,
             order_};
   }
