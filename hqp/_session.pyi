@@ -148,6 +148,9 @@ class Live:
     def acceleration(self, torques: Vec, found: Vec) -> None:
         """Write the acceleration of each coordinate under these torques, by the dynamics of the latest tick."""
 
+    def weigh(self, heavier: float) -> None:
+        """Multiply the masses of the robot's links by this from the next tick on; loads stay."""
+
     def too_large(self, q: Vec, v: Vec, angles: Vec) -> str:
         """Name the number of a valid state that is too large; "" for none."""
 

@@ -76,8 +76,8 @@ class JointLimits(Inequality):
     inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.  braking [rad/s^2 or m/s^2]:
     b, at most a (a joint brakes inside its window).  0 or None switches either off: without both f(d) = d / dt.
     approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity, noise [rad/s or m/s].  jerk [rad/s^3 or
-    m/s^3]: j, 0 or None for none.  Raises DeclarationError for fields, for a margin that leaves no room, and for a jerk above velocity
-    level or of a joint with neither speed limit nor a; JointNotFound on binding.
+    m/s^3]: j, 0 or None for none.  Raises DeclarationError for fields, for a margin that leaves no room, and for a jerk
+    above velocity level or of a joint with neither speed limit nor a; JointNotFound on binding.
     """
 
     joints: str | Sequence[str] | None = None

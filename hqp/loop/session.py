@@ -289,6 +289,10 @@ class Session:
         self.line.native.acceleration(torques, found)
         return found
 
+    def weigh(self, heavier: float) -> None:
+        """Multiply the masses of the robot's links by this from the next tick on, at torque level; loads stay."""
+        self.line.native.weigh(heavier)
+
     def record(
         self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
     ) -> Recorder:

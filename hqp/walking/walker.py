@@ -193,7 +193,7 @@ class Walker:
     @property
     def why(self) -> tuple[str, ...]:
         """Reasons for each difference from the latest ``go`` or ``follow``, for a ZMP beside the middle of a sole, for
-        joints that steps overload, and for torques that the load of the feet scales (``heavier``)."""
+        joints that steps overload, and for masses that the load of the feet scales (``heavier``)."""
         return tuple(self._native.why)
 
     @property
@@ -328,6 +328,7 @@ class Walker:
         self._native.observe(state.v, rates)
         state = self.robot.state(state.q, rates, time=state.time)
         self._native.step(state.q, state.v, felt)
+        self.session.weigh(self.heavier)
         tick = self.session.step(state, *self._references(), now=now, phase=self.support)
         self._native.moves(self.session.acceleration(tick.x) if tick.status.solved else None)
         self._native.finish(tick.command, felt)

@@ -274,6 +274,28 @@ def test_what_a_foot_bears_by_a_toe_is_a_landing_when_its_time_is_up() -> None:
     assert swung * DT == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_it_bears_its_weight_as_a_heavier_model_does(seed: int) -> None:
+    """Drawn masses and weak knees: torques scaled after the solve passed the limits, and the knee gave way."""
+    rng = np.random.default_rng(seed)
+    name, share, weak = ("g1", "talos")[seed % 2], rng.uniform(0.85, 1.2), rng.uniform(0.3, 1.0)
+    given, heavy = (hqp.robots.load(name, rotors=True) for _ in range(2))
+    for inertia in heavy.model.inertias:
+        inertia.mass, inertia.inertia = share * inertia.mass, share * inertia.inertia
+    start = Walker(given, dt=DT).start
+    for robot in (given, heavy):
+        for joint in np.flatnonzero(["knee" in n or n.endswith("_4_joint") for n in robot.joint_names]):
+            robot.effort_limit[robot.actuated[joint]] *= weak
+    load, found = 0.5 * share * given.mass * 9.81, []
+    for robot, expected in ((given, share), (heavy, 1.0)):
+        walker = Walker(robot, Gait(), dt=DT, deadline=np.inf)
+        for _ in range(600):
+            tick = walker.step(robot.state(start), (load, load))
+        assert walker.heavier == pytest.approx(expected, abs=1e-2)
+        found.append(tick.command)
+    np.testing.assert_allclose(*found, atol=0.02 * np.abs(found[1]).max())
+
+
 @pytest.mark.long
 def test_it_weighs_itself() -> None:
     """Feet that bear a tenth more than the model: torques grow by a tenth, through an impact and a flight."""

@@ -260,7 +260,7 @@ def test_torques_that_the_load_scales_are_named() -> None:
         assert walker.native.why == []
         for _ in range(5000):
             walker.native.finish(torques, np.array([0.4, 0.6]) * share * WEIGHT)
-        named = [text for text in walker.native.why if text.startswith(f"torques x {share:.2f}: the feet bear")]
+        named = [text for text in walker.native.why if text.startswith(f"masses x {share:.2f}: the feet bear")]
         assert len(named) == len(walker.native.why) == (share != 1.004)
 
 
@@ -268,7 +268,7 @@ def test_torques_go_on_from_those_before_a_switch() -> None:
     limit, walker = np.array([100.0, 50.0, 20.0]), Alone(heavier=1.1)
     first = np.array([10.0, -20.0, 19.0])
     walker.native.finish(first, None)
-    np.testing.assert_allclose(first, [11.0, -22.0, 20.0])  # scaled, within the limits
+    np.testing.assert_allclose(first, [10.0, -20.0, 19.0])  # not scaled: the model bears the weight
     walker.set(entered=True)
     jumped = np.array([40.0, 10.0, -10.0])
     walker.native.finish(jumped, None)
@@ -280,7 +280,7 @@ def test_torques_go_on_from_those_before_a_switch() -> None:
         walker.native.finish(now, None)
         assert np.all(np.abs(now - last) <= limit * DT / FADE + 1e-9)
         last = now
-    np.testing.assert_allclose(last, [44.0, 11.0, -11.0])
+    np.testing.assert_allclose(last, [40.0, 10.0, -10.0])
 
 
 @pytest.mark.parametrize("seed", range(8))

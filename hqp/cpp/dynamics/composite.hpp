@@ -63,21 +63,22 @@ class Composite {
   }
 
   // Generalised forces (nv) of the rates of momenta less those of gravity: b + g, or A a + b + g without rotors.
-  void write_forces(const Vec3& gravity, double* out) const {
+  // heavier: masses of the bodies over those given.
+  void write_forces(const Vec3& gravity, double* out, double heavier = 1.0) const {
     const auto& bodies = tree_.bodies();
     for (int b = 1; b < static_cast<int>(bodies.size()); ++b) {
-      const Form force = forces_[b] + -1.0 * weight(b, gravity);
+      const Form force = heavier * (forces_[b] + -1.0 * weight(b, gravity));
       for (int c = bodies[b].first; c < bodies[b].first + bodies[b].count; ++c) out[c] = value(force, twists_[c]);
     }
   }
 
   // The joint-space inertia A (nv, nv), its upper triangle, column-major: entries of coordinates that carry one
-  // another. rotors: reflected inertia of each coordinate.
-  void write_inertia(const double* rotors, double* A) const {
+  // another. rotors: reflected inertia of each coordinate; heavier: masses of the bodies over those given.
+  void write_inertia(const double* rotors, double* A, double heavier = 1.0) const {
     const auto& bodies = tree_.bodies();
     for (int d = 0; d < tree_.size(); ++d) {
       const int body = tree_.owner(d);
-      const Form F = carried_[body] * twists_[d];
+      const Form F = heavier * (carried_[body] * twists_[d]);
       double* column = A + static_cast<std::ptrdiff_t>(d) * tree_.size();
       for (int b = body; b > 0; b = bodies[b].parent) {
         const Body& carrier = bodies[b];

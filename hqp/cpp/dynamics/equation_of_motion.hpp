@@ -26,15 +26,17 @@ class EquationOfMotion {
     const Tree& tree = bodies_.tree();
     const auto& bodies = tree.bodies();
     bodies_.gather(bodies.size() > 1 ? load(bodies[1].position) : Vec3{}, true, false);
-    bodies_.write_inertia(rotors_.data(), A_);
-    bodies_.write_forces(gravity_, bias_);
+    bodies_.write_inertia(rotors_.data(), A_, heavier_);
+    bodies_.write_forces(gravity_, bias_, heavier_);
   }
+  // Masses of the bodies from now on over those given.
+  void weigh(double heavier) { heavier_ = heavier; }
 
   // g (nv) alone, after run().
   void weight(double* g) const {
     const auto& bodies = bodies_.tree().bodies();
     for (int b = 1; b < static_cast<int>(bodies.size()); ++b) {
-      const Form force = -1.0 * bodies_.weight(b, gravity_);
+      const Form force = -heavier_ * bodies_.weight(b, gravity_);
       for (int c = bodies[b].first; c < bodies[b].first + bodies[b].count; ++c) g[c] = value(force, bodies_.twist(c));
     }
   }
@@ -47,7 +49,7 @@ class EquationOfMotion {
   Composite bodies_;
   std::vector<double> rotors_;
   Vec3 gravity_;
-  double *A_, *bias_;
+  double *A_, *bias_, heavier_ = 1.0;
 };
 
 }  // namespace hqp

@@ -44,6 +44,10 @@ class Assembly : public Limiting {
     tree_.need_motions();
     equation_ = std::make_unique<EquationOfMotion>(tree_, std::move(inertias), std::move(rotors), gravity, A, bias);
   }
+  // Masses of the bodies from now on over those given; loads stay.
+  void weigh(double heavier) {
+    if (equation_) equation_->weigh(heavier);
+  }
   // A load whose value is live; payloads count for centres of mass, too.
   template <class Plan>
   void load(const Plan& plan, const double* value) {

@@ -305,6 +305,7 @@ NB_MODULE(_session, module) {
       .def("holds", &binding::LiveSession::holds)
       .def("too_large", &binding::LiveSession::too_large, "q"_a, "v"_a, "angles"_a)
       .def("acceleration", &binding::LiveSession::acceleration, "torques"_a, "found"_a)
+      .def("weigh", &binding::LiveSession::weigh, "heavier"_a)
       .def_prop_ro("counters", [](const binding::LiveSession& s) { return counters_of(s.counters()); })
       .def_prop_ro("heartbeat", &binding::LiveSession::heartbeat)
       .def_prop_ro("good", &binding::LiveSession::good)

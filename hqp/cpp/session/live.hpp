@@ -203,6 +203,7 @@ class LiveSession {
       throw nb::value_error("the torques or accelerations of a line at torque level: wrong shape");
     for (std::size_t i = 0; i < found.size(); ++i) found.data()[i] = parts->acceleration(i, torques.data());
   }
+  void weigh(double heavier) { session_->line().assembly().weigh(heavier); }
   hqp::Counts counters() const { return session_->timing().counters().counts(); }
   std::int64_t heartbeat() const { return session_->timing().counters().heartbeat(); }
   bool good() const { return session_->latest().good; }

@@ -48,7 +48,7 @@ class Steered {
   }
   Steered(const Steered&) = delete;
 
-  // One tick; command: the torques, those of the tick scaled and bounded by the walker.
+  // One tick; command: the torques, those of the tick with friction, bounded by the walker.
   const Tick& step(Walker& walker, Stacks& session, const double* q, const double* v, const double* loads,
                    const StateFacts& facts, double* command) {
     const double* rates = walker.observe(v).data();
@@ -56,6 +56,7 @@ class Steered {
     walker.biped().read(*kinematics_);
     walker.step(loads);
     session.phase(walker.support());
+    session.current().line().assembly().weigh(walker.state().heavier);
     refer(walker, session);
     const Tick& tick = session.step(q, rates, facts);
     std::copy(tick.command().begin(), tick.command().end(), command);

@@ -154,7 +154,7 @@ class Walker {
     end_route();
   }
   // Reasons for each difference from the latest `go` or `follow`, for a ZMP beside the middle of a sole, and for
-  // torques scaled by one percent or more.
+  // masses that differ from the model's by one percent or more.
   std::vector<std::string> why() const {
     if (!refused_.empty()) return {"stopped (" + refused_ + "): call session.resume()"};
     std::vector<std::string> found = aims_;
@@ -210,12 +210,12 @@ class Walker {
     for (const JointFriction& one : friction_)
       overcome_[one.motor] = one.torque(rates_[one.column], acceleration(one.column));
   }
-  // End of a tick: scale its torques by the weight felt; after a switch go on from those before, within the limits and
-  // at a bounded rate.
+  // End of a tick: weigh the robot, and overcome friction; after a switch go on from the torques before, within the
+  // limits and at a bounded rate.
   void finish(const double* loads, double* command) {
     if (loads) weigh(loads[0] + loads[1]);
     for (std::size_t i = 0; i < limits_.size(); ++i) {
-      command[i] = command[i] * state_.heavier + overcome_[i];
+      command[i] += overcome_[i];
       if (state_.entered && has_sent_) rest_[i] = sent_[i] - command[i];
       const double fading = limits_[i] * dt_ / kFade;
       rest_[i] -= held(rest_[i], -fading, fading);
@@ -574,12 +574,12 @@ class Walker {
   }
   std::string weighed() const {
     char found[160];
-    std::snprintf(found, sizeof found, "torques x %.2f: the feet bear %.0f N in the mean, %.0f by the model",
+    std::snprintf(found, sizeof found, "masses x %.2f: the feet bear %.0f N in the mean, %.0f by the model",
                   state_.heavier, state_.felt * weight_, state_.due * weight_);
     return found;
   }
-  // A robot heavier than its model needs so much more torque: its mass is the impulse of the feet over that due to
-  // gravity and to the motion of the CoM, F dt = m (g dt + dv), also through impacts and flights.
+  // A robot heavier than its model needs more torque, within the limits of its motors: its mass is the impulse of the
+  // feet over that due to gravity and to the motion of the CoM, F dt = m (g dt + dv), also through impacts and flights.
   void weigh(double load) {
     WalkState& s = state_;
     const double v = biped_.velocity[2], due = 1.0 + (s.time > 0.0 ? (v - s.rising) / (gravity_ * dt_) : 0.0);
