@@ -19,6 +19,9 @@ from .touching import touching
 
 Triple = tuple[float, float, float]
 _NOWHERE = (0.0,) * 6  # normal and point without a contact
+OWN = -2
+"""Row of bodies of a watched robot that are not watched themselves."""
+
 BURIED = 5e-3
 """Deeper points in the ground are lifted [m]."""
 
@@ -79,6 +82,8 @@ class ContactReader:
             row_of_body[body] = row_of_body[model.body_parentid[body]]
             if body in bodies:
                 row_of_body[body] = bodies.index(body)
+        roots = {int(model.body_rootid[body]) for body in bodies}
+        row_of_body[(row_of_body < 0) & np.isin(model.body_rootid, list(roots))] = OWN
         self._row: list[int] = row_of_body[model.geom_bodyid].tolist()
         self._count = len(bodies)
         self._kept: tuple[list[Any], ...] = ([], [], [], [], [])
@@ -116,7 +121,7 @@ class ContactReader:
         for (one, other), address, dim, axes, point in zip(*self._kept, strict=True):
             first, second = self._row[one], self._row[other]
             # exactly one side watched: neither the robot's contacts with itself nor those of other parts
-            if (first >= 0) == (second >= 0) or address < 0 or dim < 3:
+            if (first >= 0) == (second >= 0) or OWN in (first, second) or address < 0 or dim < 3:
                 continue
             # the rows of a contact's frame: a normal, from its first body to its second, and two tangents
             nx, ny, nz, sx, sy, sz, tx, ty, tz = axes if second >= 0 else [-x for x in axes]
