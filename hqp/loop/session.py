@@ -369,7 +369,8 @@ class Session:
                 self.program.assembly.require_law(name, law)
             else:
                 self.declared.find(name)
-        self.line.guards.laws = dict(laws)
+        if laws != self.line.guards.laws:  # else they go on from tick to tick
+            self.line.guards.laws = dict(laws)
 
     @property
     def declared(self) -> Stack:

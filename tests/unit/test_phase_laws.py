@@ -242,3 +242,16 @@ def test_a_session_takes_the_laws_at_the_time_of_the_call(arm: Robot) -> None:
     assert speed() == slow
     session.obey(laws)
     assert speed() == pytest.approx(2.0 * slow, rel=1e-6)
+
+
+def test_laws_given_in_every_tick_go_over_as_laws_given_once(arm: Robot) -> None:
+    once, always = (hqp.Controller(ARM, deadline=np.inf).session(arm, DT) for _ in range(2))
+    goal = HAND.at(arm.state().position("tool0") + [0.0, 0.0, 0.01])
+    for k in range(300):
+        laws = {"hand": P(4.0 if k < 150 else 2.0)}
+        if k in (0, 150):
+            once.obey(laws)
+        always.obey(dict(laws))
+        given = HAND.off() if 155 <= k < 160 else goal
+        x, y = (session.step(arm.state(), given).x.copy() for session in (once, always))
+        np.testing.assert_array_equal(x, y)
