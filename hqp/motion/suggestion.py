@@ -162,7 +162,8 @@ class _Tree:
         chain = [tip]
         while self._parents[chain[-1]] > 1:
             chain.append(self._parents[chain[-1]])
-        way = np.cumsum([0.0, *(np.linalg.norm(self._places[a] - self._places[b]) for a, b in pairwise(chain))])
+        lengths = [float(np.linalg.norm(self._places[a] - self._places[b])) for a, b in pairwise(chain)]
+        way = np.cumsum([0.0, *lengths])
         parting = [b for b in set(self._parents) if self._parents.count(b) > 1]
         near = [b for b, left in zip(chain, way, strict=True) if b in parting and left < HAND * way[-1]]
         return near[-1] if near else tip
