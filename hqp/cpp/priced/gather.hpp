@@ -120,7 +120,7 @@ class Gather {
     if (level.A) to.a = level.A + static_cast<std::size_t>(i) * n_;
     else to.only = static_cast<int>(level.index[i]), to.scale = level.scale[i];
     to.lower = low, to.upper = high;
-    to.number = levels_.first(k) + i, to.level = k;
+    to.number = levels_.first(k) + i;
     to.size = levels_.length(k, i);
     return to;
   }

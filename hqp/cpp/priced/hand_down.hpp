@@ -45,8 +45,8 @@ class HandDown {
   // |x| at which an unmet level without a price left its values, 0 without one.
   double taken_at() const { return taken_at_; }
 
-  // Slacks of at most kViolated of rows that keep their values, else 0: these rows may be met, since a stage may have
-  // ended before.
+  // Error of the value of each row that a level keeps: a slack of at most kViolated may be rounding, since a stage may
+  // have ended before.  Ten times that are real slacks of feet that take load.
   const std::vector<double>& open() const { return open_; }
 
   // Leave the rows of level k at x: a level without a price keeps its values.

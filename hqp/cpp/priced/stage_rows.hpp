@@ -16,8 +16,7 @@ struct StageRow {
   int only = -1;
   double scale = 1.0;
   double lower = 0.0, upper = 0.0;
-  int number = -1;  // among all rows of the hierarchy
-  int level = 0;
+  int number = -1;     // among all rows of the hierarchy
   int band = -1;       // its own coordinate of y, -1 without one
   double share = 0.0;  // factor of the band
   double size = 0.0;   // |a|, or the share of an added row if that is larger

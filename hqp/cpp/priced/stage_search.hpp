@@ -14,7 +14,6 @@
 #include "row_space.hpp"
 #include "secular.hpp"
 #include "stage_rows.hpp"
-#include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -104,7 +103,7 @@ class StageSearch {
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
   // Return true if the end y of the latest solve violates a row or a sign by more than rounding, if nearly opposed
   // multipliers are so large that their rounding does, or if it moves where rows that it misses are met.  working: the
-  // rows held, by number; open: slacks of rows whose values may be those of rows that are met.
+  // rows held, by number; open: additional error of each row.
   bool strays(const std::vector<int>& working, const std::vector<double>& open, const double* y) {
     if (off_ > accurate_) return true;
     at_point(y);
@@ -326,67 +325,29 @@ class StageSearch {
     return !still;
   }
 
-  // The least motion, of 1 + |y|, that brings rows own_set_, off by other_, to their bounds, keeps the rows held, those
-  // of higher levels before others, and leaves no other row; 0 if a level misses more there.
+  // The least motion, of 1 + |y|, that brings rows own_set_, off by other_, to their bounds, and keeps the other rows
+  // that are held.
   double missed(const std::vector<int>& working, const double* y) {
-    for (int i = 0; i < rows_->count(); ++i) kept_[i] = side_[i] != 0 ? kHeld : kNone, rate_[i] = 0.0;
-    for (std::size_t k = 0; k < own_set_.size(); ++k) kept_[own_set_[k]] = kMissed, rate_[own_set_[k]] = other_[k];
     rest_ = set_;
-    bool worse = false;
-    do bring();
-    while (hold_left(y, worse));
-    own_set_ = rest_;
-    hold({});
-    enter_all(working);
-    set_ = own_set_;
-    return worse ? 0.0 : apart(aim_.data(), y);
-  }
-
-  // aim_ = the least motion that changes the rows that are marked by -rate_.
-  void bring() {
     rows_->forget_turned();
     cut(0);
     fixed_ = 0;
-    for (int from = 0, to = 0; from < rows_->count(); from = to) {
-      while (to < rows_->count() && (*rows_)[to].level == (*rows_)[from].level) ++to;
-      for (const char mark : {kHeld, kMissed}) {
-        space_.threshold =
-            mark == kHeld ? kDirection : kOnRow;  // missed rows count, however little others leave of them
-        for (int i = from; i < to; ++i)
-          if (kept_[i] == mark && add(i)) own_lambda_[space_.rank() - 1] = -rate_[i];
-      }
-    }
+    space_.threshold = kOnRow;  // missed rows count, however little other rows leave of them
+    for (std::size_t k = 0; k < own_set_.size(); ++k)
+      if (add(own_set_[k])) own_lambda_[space_.rank() - 1] = other_[k];
     space_.threshold = kDirection;
+    for (const int i : rest_)
+      if (std::find(own_set_.begin(), own_set_.end(), i) == own_set_.end() && add(i))
+        own_lambda_[space_.rank() - 1] = 0.0;
     space_.meet(own_lambda_.data(), part_.data());
     std::fill(aim_.begin(), aim_.end(), 0.0);
     space_.join(aim_.data(), part_.data());
     space_.turn_back(aim_.data(), N_);
-  }
-
-  // Mark the rows that aim_ takes beyond their bounds as held there; return true if there are any.  worse: the first
-  // level that aim_ changes misses more.
-  bool hold_left(const double* y, bool& worse) {
-    rows_->at().step(aim_.data(), move_.data());
-    bool more = worse = false, better = false;
-    for (int i = 0; i < rows_->count();) {
-      double change = 0.0, error = 0.0;  // of the level's squared slack
-      for (const int level = (*rows_)[i].level; i < rows_->count() && (*rows_)[i].level == level; ++i) {
-        const StageRow& row = (*rows_)[i];
-        const double rate = row.value(move_.data(), aim_.data(), n_), value = row.value(x_.data(), y, n_);
-        const double before = kept_[i] == kMissed ? rate_[i] : 0.0,
-                     own = kNoRate * (row.size + terms(row, x_.data(), y));
-        const double off = row.equal() ? before + rate : slack(value + rate, row.lower, row.upper);
-        if (kept_[i] == kNone && std::abs(off) > own) {
-          kept_[i] = kHeld, rate_[i] = value - row.bound(off > 0.0 ? 1 : -1);
-          more = true;
-        }
-        change += (off * off - before * before) / (row.size * row.size);
-        error += own * own / (row.size * row.size);
-      }
-      worse = worse || (!better && change > error);
-      better = better || change < -error;
-    }
-    return more;
+    own_set_ = rest_;
+    hold({});
+    enter_all(working);
+    set_ = own_set_;
+    return apart(aim_.data(), y);
   }
 
   // The length of the motion in `step`, of that of y.
@@ -577,7 +538,6 @@ class StageSearch {
     return found;
   }
 
-  static constexpr char kNone = 0, kHeld = 1, kMissed = 2;  // marks of rows in `missed`
   double accurate_;
   Deadline& deadline_;
   StageRows* rows_ = nullptr;
@@ -588,7 +548,7 @@ class StageSearch {
   std::vector<int> set_, own_set_, rest_, dependent_, spanned_;
   std::vector<double> rate_;
   std::vector<int> side_;
-  std::vector<char> kept_;  // rows that no wrong sign releases until the point moves; marks
+  std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
   std::vector<double> y_, other_, aim_, x_, move_, part_, lambda_, own_lambda_, M_, K_, base_, turned_, e_, u_;
   bool unclear_ = false;
   int turned_by_ = -1;  // count of held rows whose reflections are in turned_, -1 for none
