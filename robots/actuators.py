@@ -53,8 +53,8 @@ class Servo:
     def stiff(cls, robot: Any, bandwidth: float = 20.0) -> Servo:
         """Servos of a bandwidth omega [rad/s] for any robot: kp = I omega^2, critically damped.
 
-        I is the inertia at home about the joint's axis [kg m^2, kg]: of all that the joint carries, or of the body
-        above if that is larger and the joint is in a leg, between a free base and one of the soles in the landmarks.
+        I is the inertia of all carried links about the joint's axis at home [kg m^2, kg]. A joint between a free base
+        and a sole of the landmarks takes the inertia of the rest of the body if that is larger.
         """
         state = robot.state(robot.home)
         A = state.mass_matrix()

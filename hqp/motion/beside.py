@@ -104,6 +104,6 @@ def aside(path: Mat, outlines: list[Mat], others: list[Mat], ways: Mat) -> Mat:
         share = x * x * (3.0 - 2.0 * x)
         k = int((lacks * share).argmax())
         if lacks[k] * share[k] < NEAR:
-            break  # where a foot lifts and lands the places of its stances have parted the legs
+            break  # the places of its stances part the legs as a foot lifts and lands
         path[:, :2] += np.outer(share, lacks[k] / share[k] * ways[k])
     return path

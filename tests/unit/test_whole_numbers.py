@@ -1,4 +1,4 @@
-"""Whole numbers of declarations: any storage is taken, what is none is refused with the field and its bounds."""
+"""Whole numbers of declarations: calls take any storage, and refuse other values by field and bounds."""
 
 from collections.abc import Callable
 from typing import Any
