@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -27,6 +27,8 @@ DEPTH = 0.15
 """Depth of the goal below the table's top [m]."""
 THICK = 0.3
 """Thickness of the table: a block that no hand passes [m]."""
+REACH = 0.02
+"""Distance beyond the clearance up to which a run measures its pairs [m]."""
 INSIDE = 0.08
 """Radius of the ball around a hand's start [m]."""
 
@@ -120,6 +122,7 @@ def run(
     scene, avoid = blocked.scene, blocked.avoid
     robot = scene.subject.robot
     twin = robot.copy()  # it has its own slots
+    judge = replace(avoid, influence=avoid.clearance + REACH)
     session = PRICED.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
     data, margin, names = Run.empty(scene, ticks), np.full(ticks, math.inf), [""] * ticks
     q, v = robot.home.copy(), np.zeros(robot.nv)
@@ -129,11 +132,11 @@ def run(
     com, joints = start.com()[:2], robot.actuated
     for i in range(ticks):
         if i % every == 0:
-            near = [n for n in avoid.near(twin.state(q)) if n is not None]
+            near = [n for n in judge.near(twin.state(q)) if n is not None]
             if original is not None and i % coal_every == 0:  # type: ignore[operator]
                 surface = min(surface, original.margin(near))
             least = min(near, key=lambda n: n.distance - n.clearance, default=None)
-            name = "" if least is None else _name(avoid, twin, least.pair)
+            name = "" if least is None else _name(judge, twin, least.pair)
             reach = math.inf if least is None else least.distance - least.clearance
         margin[i], names[i] = reach, name
         goals = scene.targets(i * DT)
