@@ -20,11 +20,13 @@ class Joints:
     floating: true if the first joint is a free flyer.  columns: first tangent coordinate and number of them by name,
     the base left out.  single: joints of one axis by name.  several: joints with several axes, by name: first place in
     q, number there, first in v, number there.  Raises ModelError for joints without coordinates of their own
-    (Pinocchio's mimic joints) and for ellipsoids.
+    (Pinocchio's mimic joints), for ellipsoids, and for joints that are not in depth-first order, for which Pinocchio
+    computes a wrong joint-space inertia.
     """
 
     def __init__(self, model: Any, name: str) -> None:
         self._name = name
+        _require_depth_first(model, name)
         self.floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
         self.columns: dict[str, tuple[int, int]] = {}
         self.several: dict[str, tuple[int, int, int, int]] = {}
@@ -166,3 +168,18 @@ def actuation(columns: Index, nv: int, tendons: Mapping[int, Mapping[int, float]
         for other, factor in tendons.get(column, {}).items():
             U[k, other] = factor
     return U
+
+
+def _require_depth_first(model: Any, name: str) -> None:
+    """Raise ModelError if a joint does not follow its parent or a joint that its parent carries."""
+    carriers = [0]
+    for i in range(1, model.njoints):
+        while carriers and carriers[-1] != model.parents[i]:
+            carriers.pop()
+        if not carriers:
+            raise ModelError(
+                f"{name}: joint {model.names[i]!r} comes after a joint that its parent "
+                f"{model.names[model.parents[i]]!r} does not carry; Pinocchio needs depth-first order: "
+                "add all joints of a branch before the next branch"
+            )
+        carriers.append(i)
