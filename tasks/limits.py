@@ -209,13 +209,14 @@ class JointLimits(Inequality):
         return (BallLimits(joints=balls, margin=self.margin, approach=self.approach, **rates),)  # type: ignore[arg-type]
 
     def plan(self, robot: Robot) -> plans.JointBox | None:
-        """The native operation, none for joints of several axes; raises DeclarationError for too wide a margin."""
-        picked = self.selection(robot)
-        joints = plans.Joints.of(robot, picked)
+        """The native operation, none for joints of several axes with position limits; raises DeclarationError for too
+        wide a margin."""
+        picked, (lower, upper) = self.selection(robot), self.position_limits(robot)
+        joints = plans.Joints.of(robot, picked, needed=np.isfinite(lower) | np.isfinite(upper))
         if joints is None:
             return None
         *rates, approach = self.answer_rates(robot)
-        bounds = (*self.position_limits(robot), self.speeds(robot), *rates)
+        bounds = (lower, upper, self.speeds(robot), *rates)
         low, high, speed, a, b = (tuple(x.tolist()) for x in bounds)
         return plans.JointBox(joints, low, high, speed, a, b, approach or math.inf, self.return_velocity, self.noise)
 

@@ -150,14 +150,19 @@ class Joints(_Counted):
     continuous: tuple[bool, ...]
 
     @classmethod
-    def of(cls, robot: Robot, columns: Index) -> Joints | None:
-        """The joints of these tangent coordinates, None where one is of a joint of several axes."""
-        positions = robot.positions(columns)
-        if positions is None:
+    def of(cls, robot: Robot, columns: Index, needed: NDArray[np.bool_] | None = None) -> Joints | None:
+        """The joints of these tangent coordinates, None if one is of a joint of several axes.
+
+        needed: coordinates whose place in q counts, all by default; the others have place 0.
+        """
+        needed = np.full(columns.size, True) if needed is None else needed
+        found = robot.positions(columns[needed])
+        if found is None:
             return None
-        turning = set(robot.continuous.tolist())
-        picked = tuple(int(c) for c in columns)
-        return cls(picked, tuple(positions), tuple(c in turning for c in picked))
+        positions = np.zeros(columns.size, dtype=np.intp)
+        positions[needed] = found
+        continuous = np.isin(columns, robot.continuous) & needed
+        return cls(tuple(columns.tolist()), tuple(positions.tolist()), tuple(continuous.tolist()))
 
 
 @dataclass(frozen=True, eq=False)
