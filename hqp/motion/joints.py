@@ -18,21 +18,24 @@ OPTIONAL = tuple(f"{side}_toe" for side in SIDES)
 
 NAMES: dict[str, tuple[str, ...]] = {
     "shoulder": (
-        "arm", "upperarm", "armupper", "uparm", "uarm", "humerus", "shldr", "shoulder", "acromial", "sjc",
+        "upperarm", "armupper", "uparm", "uarm", "humerus", "shldr", "arm", "shoulder", "acromial", "sjc",
     ),
-    "elbow": ("elbow", "forearm", "lowerarm", "armlower", "lowarm", "farm", "larm", "radius", "ulna", "ejc"),
+    "elbow": (
+        "elbow", "forearm", "lowerarm", "armlower", "lowarm", "loarm", "farm", "larm", "radius", "ulna", "ejc", "arm",
+    ),
     "hand": ("wrist", "hand", "radiushand", "wjc"),
-    "knee": ("knee", "lowerleg", "leglower", "lowleg", "shin", "shank", "calf", "tibia", "kjc", "leg"),
-    "hip": ("hip", "upleg", "upperleg", "legupper", "thigh", "femur", "hjc", "leg"),
+    "knee": ("knee", "lowerleg", "leglower", "lowleg", "loleg", "lleg", "shin", "shank", "calf", "tibia", "kjc", "leg"),
+    "hip": ("hip", "upleg", "upperleg", "legupper", "uleg", "thigh", "femur", "hjc", "leg"),
     "ankle": ("ankle", "foot", "talus", "ajc"),
     "toe": (
-        "toebase", "toe", "toes", "bigtoe", "ball", "ballfoot", "mtp", "foottoe", "footindex", "foot", "toeend",
-        "ankleend", "footend",
+        "toebase", "toe", "toes", "bigtoe", "bigtoetip", "ball", "ballfoot", "mtp", "foottoe", "footindex", "foot",
+        "toeend", "ankleend", "footend",
     ),
 }  # fmt: skip
 """Names of a part without its side, the first that occurs counts: in most skeletons ``LeftArm`` begins at the shoulder
-and ``LeftShoulder`` is the collar bone, in those that have no ``LeftArm`` it is the shoulder; ``LeftLeg`` begins at the
-hip if there is a ``LeftShin`` (SOMA), else at the knee (LAFAN1)."""
+and ``LeftShoulder`` is the collar bone, in those that have no ``LeftArm`` it is the shoulder, and beside a
+``LeftUpperArm`` it is the forearm; ``LeftLeg`` begins at the hip if there is a ``LeftShin`` (SOMA), else at the knee
+(LAFAN1)."""
 
 MANNERS = ("bend", "stretch")
 """Ends of names of the first of several joints along a limb: ``lThighBend``, ``arm_stretch.l``."""
@@ -48,7 +51,7 @@ def plain(name: str) -> tuple[str, str]:
 
     The end of a chain keeps its mark: ``foot.LEnd`` is (left, footend).
     """
-    name = re.sub(r"[ _.]\d+$", "", name.strip().rsplit(":", 1)[-1])
+    name = name.rsplit(":", 1)[-1]
     end = "end" if name.endswith("End") else ""
     name = name.removesuffix("End").rstrip(" _.")
     for side in SIDES:
@@ -67,9 +70,10 @@ def plain(name: str) -> tuple[str, str]:
 
 
 def bare(names: Sequence[str]) -> list[str]:
-    """Names without the beginning and the end that all joints with a counterpart on the other side share:
-    ``DEF-thigh.L`` and ``J_Bip_L_Hand`` have one.
+    """Names without a number at their end, and without the beginning and the end that all joints with a counterpart on
+    the other side share: ``DEF-thigh.L`` and ``J_Bip_L_Hand`` have one.
     """
+    names = [re.sub(r"[ _.]\d+$", "", name.strip()) for name in names]
     paired, known = [], set(names)
     for name in names:
         for own, other in (form[::way] for form in FORMS for way in (1, -1)):
@@ -100,8 +104,8 @@ def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> di
         if name not in names:
             raise DeclarationError("human", f"the motion has no joint for {part}", value=name, allowed=", ".join(names))
     sided: dict[tuple[str, str], str] = {}
-    for name, own in zip(names, bare(names), strict=True):
-        sided.setdefault(plain(own), name)
+    for name, own in sorted(zip(names, bare(names), strict=True), key=lambda each: len(each[0])):
+        sided.setdefault(plain(own), name)  # the joint itself before its second part, ``thigh.L.001``
     found = dict(given)
     for side in SIDES:
         for limb in LIMBS:

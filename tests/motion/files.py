@@ -38,6 +38,10 @@ SCHEMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "centres": ("{S}{}", ("HJC", "KJC", "AJC", "TOE", "SJC", "EJC", "WJC")),
     "opensim": ("{}_{s}", ("hip", "knee", "ankle", "mtp", "acromial", "elbow", "radius_hand")),
     "bones": ("{}_{s}", ("femur", "tibia", "talus", "toes", "humerus", "ulna", "hand")),
+    "short": ("{s}_{}", ("uleg", "lleg", "foot", "toe", "uarm", "larm", "hand")),
+    "parts": ("{S}{}", ("UpLeg", "LoLeg", "Foot", "Toe", "UpArm", "LoArm", "Hand")),
+    "plain": ("{Side}{}", ("UpperLeg", "Leg", "Foot", "Toes", "UpperArm", "Arm", "Hand")),
+    "tips": ("{side}_{}", ("hip", "knee", "ankle", "big_toe_tip", "shoulder", "elbow", "wrist")),
     "estimate_": ("{side}_{}", ("hip", "knee", "ankle", "", "shoulder", "elbow", "wrist")),
 }
 """By scheme: pattern of a joint's name with its side, and the names; joints with an empty name are not recorded."""

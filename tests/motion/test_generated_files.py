@@ -11,7 +11,7 @@ import pytest
 from hqp.errors import DeclarationError
 from hqp.motion import Motion, read_motion
 from hqp.motion.joints import parts_of
-from hqp.motion.person import joints_of, remarks
+from hqp.motion.person import joints_of, remarks, up_axis
 
 from .files import RATES, SCHEMES, UPS, laid, mirrored, renamed, strolling, write_turning_bvh
 from .people import NAMES, PARENTS, stand, write_npz
@@ -48,6 +48,21 @@ def test_axes_names_units_and_headings(tmp_path: Path, kind: str, up: str) -> No
         assert bool(read_motion(tmp_path / f"clip.{kind}").notes) == (up != {"bvh": "y", "npz": "z"}[kind])
 
 
+@pytest.mark.parametrize("up", UPS)
+def test_the_axis_of_one_who_walks_beside_the_zero_of_the_file(up: str) -> None:
+    """A foot that rests at the zero of a horizontal axis, before all other joints, stands on no floor there."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        whole = strolling(rng)
+        places, ahead = whole.positions.copy(), whole.positions[-1, 0] - whole.positions[0, 0]
+        for k in (0, 1):
+            way = -np.sign(ahead[k])
+            places[..., k] -= way * np.median((way * places[..., k]).min(axis=1))
+        file = laid(Motion(NAMES, places, whole.fps, PARENTS), up)
+        joints = joints_of(file, parts_of(NAMES))
+        assert {usual: up_axis(file, joints, usual) for usual in ("y", "z")} == {"y": up, "z": up}
+
+
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize("digits", [5, 6, 7, 16])
 def test_rates_are_exact(tmp_path: Path, fps: float, digits: int) -> None:
@@ -72,6 +87,16 @@ def test_who_is_mirrored_lies_or_is_upside_down(seed: int) -> None:
 def _other(part: str) -> tuple[str, str]:
     side, limb = part.split("_")
     return {"left": "right", "right": "left"}[side], limb
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_second_parts_of_a_limb_in_any_order(seed: int) -> None:
+    """Joints along a bone, numbered behind its name, are not the bone's joint: ``thigh.L.001``."""
+    rng = np.random.default_rng(seed)
+    for scheme in SCHEMES:
+        motion, parts = renamed(stand(0.1), scheme)
+        more = [f"{name}{end}" for name in parts.values() for end in (".001", "_2") if not name[-1].isdigit()]
+        assert parts_of([str(name) for name in rng.permutation([*motion.names, *more])]) == parts
 
 
 @pytest.mark.parametrize("kind", ["bvh", "npz"])
