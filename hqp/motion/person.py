@@ -67,15 +67,19 @@ def leg_of(joints: Joints) -> float:
 def up_axis(motion: Motion, joints: Joints, usual: str) -> str:
     """The axis of a file that is up: the usual one if the person stands along it at times, or lies: its lowest joint is
     at the file's zero and rests; else the one along which the person stands.
+
+    One who walks beside the file's zero rests a foot there, too: whoever lies rests the hips.
     """
     leg = max(leg_of(joints), 1e-9)
     above = {up: float(np.quantile(_turned(_above_ankles(joints), up)[:, 2], 0.9)) / leg for up in TURNS}
     best = max(above, key=above.__getitem__)
     if above[usual] > STANDS or above[best] <= STANDS:
         return usual
-    (height, speed), (_, other) = (_lowest(motion, up) for up in (usual, best))
-    on_floor = FLOOR[0] < height / leg < FLOOR[1] and speed < max(2.0 * other, STILL * leg)
-    return usual if on_floor else best
+    (height, speed), (other, slowest) = (_lowest(motion, up) for up in (usual, best))
+    still = max(2.0 * slowest, STILL * leg)
+    hips = float(np.median(np.linalg.norm(np.gradient(_middle(joints, "hip"), axis=0), axis=1))) * motion.fps
+    walks = FLOOR[0] < other / leg < FLOOR[1] and hips > still
+    return usual if FLOOR[0] < height / leg < FLOOR[1] and speed < still and not walks else best
 
 
 def remarks(joints: Joints) -> tuple[str, ...]:
