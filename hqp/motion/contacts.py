@@ -55,9 +55,9 @@ def detect(places: Mapping[str, Mat], fps: float, leg: float) -> Contacts:
     """Contacts from heights and speeds of toes, ankles, hands and knees, ``(T, 3)`` each, the floor at height 0.
 
     A foot rests while its toe is slow (``ON``, ``OFF``), on the floor or, above it, if the other foot is at times
-    higher or in the air meanwhile: a leg that is lifted and held still carries nothing.  It rests, too, on a ground on
-    which a foot so stands at another time.  Hands and knees rest while they are slow and near such a ground.  leg [m]:
-    all lengths and speeds go with it.
+    higher or in the air meanwhile and it is below its knee: a leg that is lifted and held still carries nothing.  It
+    rests, too, on a ground on which a foot so stands at another time.  Hands and knees rest while they are slow and
+    near such a ground.  leg [m]: all lengths and speeds go with it.
     """
     slow = {limb: rests(places[limb], fps, leg) for limb in places}
     feet = {side: slow[f"{side}_toe"] for side in SIDES}
@@ -69,6 +69,7 @@ def detect(places: Mapping[str, Mat], fps: float, leg: float) -> Contacts:
         for first, last in runs(feet[side]):
             height = float(np.median(heights[side][first:last]))
             lowest = heights[side][first:last] < heights[other][first:last] + LEVEL * leg
+            lowest &= heights[side][first:last] < places[f"{side}_knee"][first:last, 2]
             floor = height < LEVEL * leg
             if floor or np.any(lowest):
                 mask[first:last] = True

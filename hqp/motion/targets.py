@@ -14,8 +14,8 @@ from .body import Body
 from .box import Box
 from .carrying import carried
 from .clip import Motion, unit
-from .contacts import NAMES, Contacts, Mask, detect, runs, smooth
-from .joints import SIDES
+from .contacts import LEVEL, NAMES, Contacts, Mask, detect, runs, smooth
+from .joints import OPTIONAL, SIDES
 from .person import joints_of, leg_of, with_toes
 
 LOW = 0.02
@@ -88,7 +88,7 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
         allowed = f"{FARTHEST:g} m in the robot's size: move the motion to its origin"
         raise DeclarationError("motion", "distance from the origin", value=far, unit="m", allowed=allowed)
     low = {part: place - lift for part, place in moved.items()}  # the ankles at 0 on the floor
-    toes = {f"{side}_toe": low[f"{side}_toe"] - _toe_height(low, side) * Z for side in SIDES}
+    toes = {f"{side}_toe": low[f"{side}_toe"] - _toe_height(low, side, body.leg) * Z for side in SIDES}
     found = detect({**toes, **{n: moved[n] for n in NAMES if "foot" not in n}}, motion.fps, body.leg)
     if contacts is not None:
         found = Contacts({name: contacts[:, i] for i, name in enumerate(NAMES)}, found.ground)
@@ -114,20 +114,24 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
 
 
 def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
-    """Places of the ankles on the floor, below the start ``(3,)``."""
+    """Places of the ankles on the floor, below the start ``(3,)``; of all joints if no ankle is ever the lowest."""
+    own = {part: place for part, place in joints.items() if part not in OPTIONAL}
+    lowest = np.min([place[:, 2] for place in own.values()], axis=0)
+    ankles = [own[f"{side}_ankle"] for side in SIDES]
+    stands = any((ankle[:, 2] <= lowest).any() for ankle in ankles)
     heights = []
-    for side in SIDES:
-        ankle = joints[f"{side}_ankle"]
-        speed = np.linalg.norm(np.gradient(ankle, axis=0), axis=1) * fps
+    for place in ankles if stands else own.values():
+        speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * fps
         slow = speed < max(0.3 * leg, float(np.quantile(speed, 0.2)))
-        heights.append(ankle[slow, 2])
+        heights.append(place[slow, 2])
     return np.array([0.0, 0.0, float(np.quantile(np.concatenate(heights), LOW))])
 
 
-def _toe_height(low: dict[str, Mat], side: str) -> float:
-    """Height of a toe above the floor while its ankle is near it [m]."""
+def _toe_height(low: dict[str, Mat], side: str, leg: float) -> float:
+    """Height of a toe while its ankle is low, above the floor, or above the ankle's lowest if it stays off it [m]."""
     ankle, toe = low[f"{side}_ankle"][:, 2], low[f"{side}_toe"][:, 2]
-    return float(np.quantile(toe[ankle <= np.quantile(ankle, 0.3)], 0.1))
+    height, lowest = np.quantile(toe[ankle <= np.quantile(ankle, 0.3)], 0.1), np.quantile(ankle, LOW)
+    return float(height - lowest if lowest > LEVEL * leg else height)
 
 
 def _trunk(joints: dict[str, Mat]) -> Mat:

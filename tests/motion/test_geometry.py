@@ -233,7 +233,7 @@ def test_the_floor_is_where_slow_ankles_are_lowest() -> None:
     )
     ankle = np.column_stack((np.zeros(100), np.zeros(100), np.linspace(0.0, 1.0, 100)))
     toe = ankle - [0.0, 0.0, 0.05]
-    assert _toe_height({"left_ankle": ankle, "left_toe": toe}, "left") == pytest.approx(-0.05 + 0.03, abs=5e-3)
+    assert _toe_height({"left_ankle": ankle, "left_toe": toe}, "left", 0.9) == pytest.approx(-0.05 + 0.03, abs=5e-3)
 
 
 def test_a_foot_that_points_down_has_the_yaw_of_the_trunk() -> None:

@@ -45,6 +45,40 @@ def test_axes_are_rotations_however_the_trunk_turns(seed: int) -> None:
     assert all(np.isfinite(place).all() for place in found.places.values())
 
 
+def _upturned(rng: np.random.Generator) -> Motion:
+    """A person on hands, back, front or a side for the whole motion, the lowest joint a little above the floor."""
+    motion = stand(0.5)
+    way = rng.uniform(-np.pi, np.pi)
+    lean = Rotation.from_rotvec(rng.uniform(1.4, np.pi) * np.array([np.cos(way), np.sin(way), 0.0]))
+    places = motion.positions @ lean.as_matrix().T
+    return Motion(NAMES, places - [0.0, 0.0, places[..., 2].min() - 0.05], motion.fps, PARENTS)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_floor_is_below_all_limbs_of_one_who_never_stands(seed: int) -> None:
+    """Hips are as high above the floor as the person's, in the robot's size, and feet in the air carry nothing."""
+    motion = _upturned(np.random.default_rng(seed))
+    robot = hqp.robots.load("g1")
+    found = targets_of(motion, parts_of(NAMES), Body.of(robot, find_map(None, robot)))
+    height = found.scale * motion.joint("Hips")[0, 2]
+    assert found.places["pelvis"][0, 2] == pytest.approx(height, abs=0.06)
+    for side in ("left", "right"):
+        foot, knee = (motion.joint(f"{side.title()}{name}")[0, 2] for name in ("Foot", "Leg"))
+        assert not (foot > knee + 0.1 and found.contacts.resting[f"{side}_foot"].any())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_foot_held_up_all_along_stays_up(seed: int) -> None:
+    rng, motion = np.random.default_rng(seed), stand(0.5)
+    side, high = str(rng.choice(["Left", "Right"])), rng.uniform(0.15, 0.4)
+    places = motion.positions.copy()
+    places[:, [NAMES.index(side + part) for part in ("Leg", "Foot", "ToeBase")]] += [0.0, 0.0, high]
+    robot = hqp.robots.load("g1")
+    found = targets_of(Motion(NAMES, places, 30.0, PARENTS), parts_of(NAMES), Body.of(robot, find_map(None, robot)))
+    assert not found.contacts.resting[f"{side.lower()}_foot"].any()
+    assert found.places[f"{side.lower()}_sole"][0, 2] == pytest.approx(found.scale * high, abs=0.02)
+
+
 def test_exchanged_arms_are_said_and_do_not_stop() -> None:
     found = retarget(_turned([0.0, 0.0, 1.0], np.full(60, np.pi)).part(0, 4), "g1")
     assert "exchanged" in " ".join(found.notes)
