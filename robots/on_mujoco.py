@@ -26,6 +26,7 @@ from .frames import Frames
 from .ground_contact import Contacts, out_of_ground, watch
 from .model_map import ModelMap, quaternion
 from .mujoco_extra import full_inertia, mujoco
+from .overlaps import exclude
 from .rotors import rotor_inertia
 from .sensors import Noise, Reading, Sensors, rotation_vector
 from .terrain import Bumps, Plane, Ramp, Step, Terrain, Tiles
@@ -59,7 +60,8 @@ class Plant:
     else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.  actuation: ``torque``,
     ``position`` (servos with the gains of ``servo``, by default of the robot's description, else
     ``Servo.stiff(robot)``), or ``native``, the file's own actuators.  terrain: the ground, which takes the place of
-    planes in the file, None to keep those.  timestep, delay: duration of a step, and delay from command to motor [s].
+    planes in the file, None to keep those.  Links that overlap at the robot's home do not collide, whatever the file's
+    format.  timestep, delay: duration of a step, and delay from command to motor [s].
     armature: reflected rotor inertia by joint or group [kg m^2] in place of the default (our own models, and URDF
     files, which have no word for it: rotor inertia of the robot's model, else min(0.01, effort limit / 5000)) or the
     file's; ``plant.armature`` has the value of each joint.  imu: a frame of the root body.
@@ -105,7 +107,7 @@ class Plant:
         root = root_of(spec, robot)
         site = add_imu(spec, imu or about.get("imu", root))
         scene.dress(spec, root, terrain)
-        self.model, self.terrain, self.sensors, self.actuation = spec.compile(), terrain, sensors, actuation
+        self.model, self.terrain, self.sensors, self.actuation = exclude(spec, robot, root), terrain, sensors, actuation
         scene.light(self.model)
         self.data = mujoco.MjData(self.model)
         self._frames = Frames(self.model)

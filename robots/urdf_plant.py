@@ -27,8 +27,8 @@ _SHOWN = (0.75, 0.76, 0.79, 1.0)
 def read(robot: Any) -> Any:
     """A MjSpec of a robot from a URDF: bodies, joints, inertias by MuJoCo's reader; raises ModelError.
 
-    Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.  If MuJoCo refuses
-    inertias, those that no rigid body has are changed, see ``make_physical``; warns (ModelWarning) of the links.
+    Meshes are taken as their convex hulls.  If MuJoCo refuses inertias, those that no rigid body has are changed, see
+    ``make_physical``; warns (ModelWarning) of the links.
     """
     root = xml_lines.read(robot.source)
     for link in root.findall("link"):
@@ -67,10 +67,9 @@ def _spec(root: ET.Element, robot: Any) -> Any:
     _shapes(spec, robot)
     _sole_corners(spec, robot)
     try:
-        simulated = spec.compile()
+        spec.compile()
     except ValueError as error:
         raise ModelError(f"{robot.source}: MuJoCo cannot compile it: {error}") from error
-    _exclude(spec, simulated, robot)
     return spec
 
 
@@ -177,15 +176,3 @@ def hull(cloud: Mat) -> tuple[Mat, Any]:
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     return corners, faces
-
-
-def _exclude(spec: Any, simulated: Any, robot: Any) -> None:
-    from .model_map import ModelMap
-
-    data = mujoco.MjData(simulated)
-    data.qpos[:] = ModelMap(simulated, robot).to_mujoco(robot.home, np.zeros(robot.nv))[0]
-    mujoco.mj_forward(simulated, data)
-    names = {int(b): simulated.body(int(b)).name for b in simulated.geom_bodyid}
-    pairs = {tuple(sorted(int(simulated.geom_bodyid[g]) for g in pair)) for pair in data.contact.geom}
-    for one, two in sorted(pairs):
-        spec.add_exclude(bodyname1=names[one], bodyname2=names[two])

@@ -72,7 +72,7 @@ class Course:
         soles = [foot.frame for foot in walker.feet]
         self.base: str = base_of(robot)
         placed = robot.copy()
-        placed.set_home(walker.start)  # links whose convex hulls overlap there do not touch each other in the plant
+        placed.set_home(walker.start)  # links that overlap there do not collide in the plant
         self.plant = Plant(
             placed,
             terrain=terrain or Plane(friction=0.6),
