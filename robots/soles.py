@@ -192,7 +192,9 @@ def foot_joints(robot: Any) -> tuple[int, int]:
     level = [j for j in rest if lowest[j] <= lowest[first] + SIDE_BY_SIDE]
     more = [j for j in level if j not in robot.model.supports[second] and second not in robot.model.supports[j]]
     if not lowest:
-        raise ModelError(f"{robot.name}: no moving link has collision shapes; needed the shapes of two soles")
+        idle = robot.description is not None and robot.description.simulated is not None
+        remedy = ", or the scene file whose contact pairs name them" if idle else ""
+        raise ModelError(f"{robot.name}: no moving link has collision shapes; needed the shapes of two soles{remedy}")
     if base < lowest[first]:
         raise ModelError(f"{robot.name}: its base is below the lowest other link: it stands on no feet")
     if len(level) < 1 or more:
@@ -201,7 +203,20 @@ def foot_joints(robot: Any) -> tuple[int, int]:
             f"{robot.name}: joints with the lowest collision shapes at home: {names}; "
             "needed one joint on each side: name the soles"
         )
+    _not_arms(robot, first, second)
     return (first, second) if faces(robot, first, second) else (second, first)
+
+
+def _not_arms(robot: Any, first: int, second: int) -> None:
+    """Raise ModelError if the limbs of two joints part above the base, behind joints that turn them against it: legs
+    part below those of a waist."""
+    shared = [j for j in robot.model.supports[first].tolist() if j in robot.model.supports[second].tolist()]
+    base, part = (robot.data.oMi[j].act(robot.model.inertias[j].lever)[2] for j in (1, shared[-1]))
+    if shared[-1] > 1 and base < part:
+        names = robot.model.names
+        ends, at = f"{names[first]} and {names[second]}", names[shared[-1]]
+        arms = f"those of {ends}, are on arms: they part at {at}, above its base"
+        raise ModelError(f"{robot.name}: its lowest collision shapes, {arms}; needed the shapes of two soles on legs")
 
 
 def faces(robot: Any, left: int, right: int) -> bool:

@@ -127,7 +127,22 @@ def test_a_biped_without_shapes_is_refused_by_name(tmp_path: Path) -> None:
     path = biped(tmp_path, pairs=True)
     text = path.read_text()
     path.write_text(text[: text.index("<contact>")] + text[text.index("</contact>") + len("</contact>") :])
-    with pytest.raises(ModelError, match="no moving link has collision shapes"):
+    with pytest.raises(ModelError, match=r"no moving link has collision shapes.*scene file"):
+        loaded(path)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_arms_that_a_body_hangs_between_are_no_legs(seed: int, tmp_path: Path) -> None:
+    """A file without legs whose hands are the lowest shapes: they part above the base, at the end of a spine."""
+    rng = np.random.default_rng(seed)
+    spine = tuple(rng.permutation(["yaw", "roll", "pitch"])[: rng.integers(1, 4)].tolist())
+    path = biped(tmp_path, bend=float(rng.uniform(0.0, 1.0)), waist=spine)
+    loaded(path)
+    below, above = '<body name="pelvis" pos="0 0 0">', f'<body name="pelvis" pos="0 0 {rng.uniform(0.3, 0.6):.6g}">'
+    text = path.read_text()
+    assert below in text
+    path.write_text(text.replace(below, above))
+    with pytest.raises(ModelError, match=r"u_a_roll and w_a_roll, are on arms.*part at waist_.*above its base"):
         loaded(path)
 
 
