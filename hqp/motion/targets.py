@@ -16,6 +16,7 @@ from .carrying import carried
 from .clip import Motion, unit
 from .contacts import LEVEL, NAMES, Contacts, Mask, detect, runs, smooth
 from .joints import OPTIONAL, SIDES
+from .person import LEVEL as UPRIGHT
 from .person import joints_of, leg_of, with_toes
 
 LOW = 0.02
@@ -98,7 +99,12 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
     axes: dict[str, Mat] = {"torso": trunk @ body.axes["torso"], "hips": _hips(moved, trunk) @ body.axes["pelvis"]}
     places["pelvis"] = 0.5 * (moved["left_hip"] + moved["right_hip"])
     for side in SIDES:
-        places[f"{side}_sole"], turn, edge[side] = _sole(moved, found, side, body, motion.fps)
+        if (unit(moved[f"{side}_knee"] - moved[f"{side}_ankle"])[:, 2] > UPRIGHT).any():
+            places[f"{side}_sole"], turn, edge[side] = _sole(moved, found, side, body, motion.fps)
+        else:
+            turn = _lying(moved, side, trunk, recorded=f"{side}_toe" in parts)
+            places[f"{side}_sole"] = moved[f"{side}_ankle"] + turn @ body.levers[side]
+            edge[side] = np.where(turn[:, 2, 0] < 0.0, 1, -1).astype(np.int8)
         axes[f"{side}_sole"] = turn @ body.axes[f"{side}_sole"]
         places[f"{side}_knee"] = _knee(moved, places["pelvis"], side, body)
         places.update(
@@ -203,6 +209,23 @@ def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: f
         shift = np.column_stack([np.interp(times, known, shift[known, k]) for k in range(3)])
         turn = np.interp(times, known, turn[known])
     return place + shift, turned(yaw + turn, tilt), np.sign(tilt).astype(np.int8)
+
+
+def _lying(joints: dict[str, Mat], side: str, trunk: Mat, *, recorded: bool) -> Mat:
+    """How the sole of a foot that never stands is turned from home ``(T, 3, 3)``: square to the shank at the median.
+
+    recorded: false for a foot without recorded toes, which turns from the trunk as the shank does.
+    """
+    ankle = joints[f"{side}_ankle"]
+    up = unit(joints[f"{side}_knee"] - ankle)
+    way = unit(joints[f"{side}_toe"] - ankle)
+    if not recorded:
+        ahead, above = trunk[:, :, 0], trunk[:, :, 2]
+        share = np.sum(ahead * up, axis=1) / np.maximum(1.0 + np.sum(above * up, axis=1), 1e-9)
+        way = unit(ahead - share[:, None] * (above + up))
+    left = unit(np.cross(up, way))
+    rise = np.median(np.arcsin(np.clip(np.sum(way * up, axis=1), -1.0, 1.0)), keepdims=True)
+    return np.asarray(np.stack((way, left, np.cross(way, left)), axis=2) @ turned(np.zeros(1), rise))
 
 
 def _heading(way: Mat, trunk: Mat) -> Vec:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import hqp
 from hqp.errors import DeclarationError
 from hqp.motion import Motion, retarget
 from hqp.motion.body import Body
@@ -17,8 +17,15 @@ from hqp.motion.skeleton_map import find_map
 from hqp.motion.targets import targets_of
 
 from .people import NAMES, PARENTS, stand
+from .robots import robot as catalogued
 
 ARMS = [k for k, name in enumerate(NAMES) if "Arm" in name or "Hand" in name]
+
+
+@cache
+def _g1() -> Body:
+    robot = catalogued("g1")
+    return Body.of(robot, find_map(None, robot))
 
 
 def _turned(axis: Any, angles: Any) -> Motion:
@@ -36,9 +43,7 @@ def test_axes_are_rotations_however_the_trunk_turns(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angles = np.pi * rng.integers(-4, 5, 60) / [1, 2, 4][seed % 3]
     motion = _turned([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]][seed % 2], angles)
-    robot = hqp.robots.load("g1")
-    body = Body.of(robot, find_map(None, robot))
-    found = targets_of(motion, parts_of(NAMES), body)
+    found = targets_of(motion, parts_of(NAMES), _g1())
     for axes in found.axes.values():
         np.testing.assert_allclose(np.linalg.det(axes), 1.0, atol=1e-6)
         np.testing.assert_allclose(axes @ np.swapaxes(axes, 1, 2), np.tile(np.eye(3), (60, 1, 1)), atol=1e-6)
@@ -58,13 +63,31 @@ def _upturned(rng: np.random.Generator) -> Motion:
 def test_the_floor_is_below_all_limbs_of_one_who_never_stands(seed: int) -> None:
     """Hips are as high above the floor as the person's, in the robot's size, and feet in the air carry nothing."""
     motion = _upturned(np.random.default_rng(seed))
-    robot = hqp.robots.load("g1")
-    found = targets_of(motion, parts_of(NAMES), Body.of(robot, find_map(None, robot)))
+    found = targets_of(motion, parts_of(NAMES), _g1())
     height = found.scale * motion.joint("Hips")[0, 2]
     assert found.places["pelvis"][0, 2] == pytest.approx(height, abs=0.06)
     for side in ("left", "right"):
         foot, knee = (motion.joint(f"{side.title()}{name}")[0, 2] for name in ("Foot", "Leg"))
         assert not (foot > knee + 0.1 and found.contacts.resting[f"{side}_foot"].any())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_feet_of_one_who_never_stands_are_square_to_the_shanks(seed: int) -> None:
+    """Toes recorded or not, legs straight or bent: no ankle turns as if the sole were level below the person."""
+    rng = np.random.default_rng(seed)
+    motion = _upturned(rng)
+    kept = [k for k, name in enumerate(NAMES) if seed % 2 or "Toe" not in name]
+    names = tuple(NAMES[k] for k in kept)
+    lying = Motion(names, motion.positions[:, kept] * rng.uniform(0.5, 200.0), motion.fps)
+    body, parts = _g1(), parts_of(names)
+    found = targets_of(lying, parts, body)
+    for side in ("left", "right"):
+        shank = lying.joint(parts[f"{side}_knee"])[0] - lying.joint(parts[f"{side}_ankle"])[0]
+        turn = (found.axes[f"{side}_sole"] @ body.axes[f"{side}_sole"].T)[0]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+        assert turn[:, 2] @ shank / np.linalg.norm(shank) > 0.99
+        ahead = np.cross(lying.joint("LeftUpLeg")[0] - lying.joint("RightUpLeg")[0], shank)
+        assert turn[:, 0] @ ahead / np.linalg.norm(ahead) > 0.9
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -73,8 +96,7 @@ def test_a_foot_held_up_all_along_stays_up(seed: int) -> None:
     side, high = str(rng.choice(["Left", "Right"])), rng.uniform(0.15, 0.4)
     places = motion.positions.copy()
     places[:, [NAMES.index(side + part) for part in ("Leg", "Foot", "ToeBase")]] += [0.0, 0.0, high]
-    robot = hqp.robots.load("g1")
-    found = targets_of(Motion(NAMES, places, 30.0, PARENTS), parts_of(NAMES), Body.of(robot, find_map(None, robot)))
+    found = targets_of(Motion(NAMES, places, 30.0, PARENTS), parts_of(NAMES), _g1())
     assert not found.contacts.resting[f"{side.lower()}_foot"].any()
     assert found.places[f"{side.lower()}_sole"][0, 2] == pytest.approx(found.scale * high, abs=0.02)
 
