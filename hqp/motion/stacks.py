@@ -178,7 +178,8 @@ class Stacks:
         return Stacks(self.robot, self._map, self.body, self._dt, collision=False, flat=self.flat)
 
     def _links(self) -> tuple[str, ...]:
-        """Links that are to stay above the floor: all but the feet, whose edges have bounds of their own.
+        """Links that are to stay above the floor: all but the feet, whose edges have bounds of their own, and links
+        that reach below the soles at home.
 
         None for a robot without shapes.
         """
@@ -186,9 +187,18 @@ class Stacks:
         feet = {robot.body(robot.frame(self.frames[f"{side}_sole"])) for side in SIDES}
         feet |= {robot.bodies[body][0] for body in feet}
         try:
-            return tuple(dict.fromkeys(capsule.name for capsule in robot.capsules if capsule.body not in feet))
+            own = [capsule for capsule in robot.capsules if capsule.body not in feet]
         except ModelError:
             return ()
+        state = robot.state(robot.home)
+        state.kinematics()
+        soles = min(float(edge.value(state)[2]) for _, edge in self.edges)
+        lowest: dict[str, float] = {}
+        for link in own:
+            place, turn = robot.bodies[link.body][5]
+            ends = [float((place + turn @ np.array(end))[2]) - link.radius for end in (link.a, link.b)]
+            lowest[link.name] = min(lowest.get(link.name, np.inf), *ends)
+        return tuple(name for name, height in lowest.items() if height > soles)
 
     def _judged(self) -> list[list[Task]]:
         """Tasks of feet, hands, soles and trunk by level, first the most important."""

@@ -65,6 +65,7 @@ def suggest_map(robot: Robot) -> SkeletonMap:
         shoulder = tree.first_apart(own[: own.index(elbow) + 1], hand)
         frames |= {f"{side}_shoulder": tree.frame(shoulder), f"{side}_elbow": tree.frame(elbow), f"{side}_hand": hand}
         tree.check_standing([frames[f"{side}_{part}"] for part in ("shoulder", "hip", "knee", "sole")])
+    tree.check_two_legs([leg[1] for leg in legs], frames["left_knee"])
     offsets |= {f"{side}_sole": at for side, foot in zip(SIDES, feet, strict=True) if (at := _sole(robot, foot))}
     return SkeletonMap(frames, offsets)
 
@@ -133,6 +134,14 @@ class _Tree:
             allowed = "a home (--home, set_home) with shoulders above hips, hips above knees, knees above soles"
             value = ", ".join(f"{frame} {height:.2f} m" for frame, height in zip(frames, heights, strict=True))
             raise DeclarationError("suggest-map", "the robot does not stand at home", value=value, allowed=allowed)
+
+    def check_two_legs(self, legs: list[int], knee: str) -> None:
+        """Raise DeclarationError for an end of the tree below a knee that belongs to neither leg."""
+        for body in self._ends():
+            if float(self._places[body][2]) < float(self.place(knee)[2]) and not {*legs} & {
+                *self.chain(self.frame(body))
+            }:
+                raise DeclarationError("suggest-map", "more than two legs", value=self.frame(body), allowed="two")
 
     def frame(self, body: int) -> str:
         """A frame at the joint that carries a body, a link rather than the joint's own name."""

@@ -255,6 +255,31 @@ def test_robots_with_shapes_on_few_links(tmp_path: Path, kept: str) -> None:
     assert done.measures.summary()["hand_p99"] < OFF
 
 
+def test_a_link_with_shapes_below_the_soles_at_home_does_not_lift_the_robot(tmp_path: Path) -> None:
+    """A ball of 1 m around the trunk, as a placeholder of a base: the robot stands upright on its soles."""
+    path = _humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.05)
+    path.write_text(
+        path.read_text().replace('size=".08 .1 .18" mass="14"/>', 'size=".08 .1 .18" mass="14"/><geom size="1"/>')
+    )
+    robot = hqp.robots.load(path)
+    done = retarget(stand(0.1), robot, map=suggest_map(robot))
+    assert done.q[:, 2].max() < 0.76
+    assert done.measures.summary()["trunk_p99"] < 0.5
+
+
+def test_a_robot_with_four_legs_has_no_map(tmp_path: Path) -> None:
+    path = _humanoid(tmp_path / "somebody.xml", TURNS["up"], 0.05)
+    legs = re.split(r'(?=<body name="(?:left|right)_(?:hip|arm)")', path.read_text())
+    hind = "".join(
+        re.sub(r'"(left|right)_', r'"hind_\1_', leg).replace('pos="0 ', 'pos="-.4 ', 1)
+        for leg in legs
+        if "_hip" in leg[:20]
+    )
+    path.write_text(legs[0] + hind + "".join(legs[1:]))
+    with pytest.raises(DeclarationError, match="more than two legs"):
+        suggest_map(hqp.robots.load(path))
+
+
 @pytest.mark.parametrize("low", [0.004, 0.05])
 def test_shipped_maps_stand_on_the_shapes_of_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, low: float
