@@ -1,4 +1,4 @@
-"""No doubt without a cause: noise that moves no answer makes few uncertain, and no start moves one."""
+"""No doubt without a cause: noise or small slacks that move no answer make few uncertain, and no start moves one."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.random import Generator
 
 import hqp
-from hqp import Hierarchy, Rows, Status
+from hqp import Hierarchy, Motion, Rows, Selection, Status
+from hqp.arrays import Vec
+from hqp.walking import Walker
 from tests.scenes.kinds import KINDS, problem
+from tests.scenes.priced import solved_in_a_loop
 from tests.scenes.stacks import scene
 
 NOISE = 1e-12
@@ -86,3 +90,46 @@ def test_noise_that_moves_no_drawn_answer_makes_few_uncertain() -> None:
                     doubts += other.status is not Status.OPTIMAL
     assert compared > 100
     assert doubts == 0
+
+
+def stopped(seed: int) -> tuple[Hierarchy, Vec]:
+    """A wall stops a level of accelerations, with slacks of 3e-5 to 1; its motion.
+
+    Another variable, which costs no motion, is so long beside the commands that small slacks are 1e-8 of the terms."""
+    rng, n, length, gain = np.random.default_rng(seed), 8, 1e3, 1e3
+    normal = rng.uniform(0.5, 1.0, n) * np.where(np.arange(n) % 2 == 0, 1.0, 10.0 ** rng.uniform(-4.0, -3.0, n))
+    goal = rng.normal(size=n) / gain
+    wall = Rows(np.append(normal, 0.0)[None], np.array([-np.inf]), np.array([normal @ goal - 1.0 / gain]))
+    long = Rows(Selection(np.array([n])), np.full(1, length), np.full(1, length))
+    A = gain * np.eye(n, n + 1)
+    task = np.append(rng.normal(size=(2, n)), np.zeros((2, 1)), axis=1)
+    levels = (long, wall, Rows(A, gain * goal, gain * goal), Rows(task, np.ones(2), np.ones(2)))
+    problem = Hierarchy(levels, constraints=2, prices=np.array([0.0, 0.0, 0.0, 0.1]), motion=Motion(A))
+    return problem, gain * goal - normal / (normal @ normal)
+
+
+def test_small_slacks_of_a_level_that_is_not_met_are_no_doubt() -> None:
+    """They are as certain as its large ones: the wall allows no point with less."""
+    solver, rng = hqp.solvers.load("lexicographic"), np.random.default_rng(0)
+    for seed in range(40):
+        problem, right = stopped(seed)
+        for one in (problem, noisy(problem, rng)):
+            found = solved_in_a_loop(solver, one)
+            assert found.status is Status.OPTIMAL, seed
+            assert problem.motion is not None
+            assert np.abs(problem.motion.F @ found.x - right).max() < 1e-6, seed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "speed"), [("g1_29dof_with_hand_rev_1_0", 0.2), ("talos", 0.3)])
+def test_walking_ticks_are_certain(name: str, speed: float) -> None:
+    """Hands at rest were 1e-8 of a level off, which counted as a level that may be met: 1.5 % of the ticks."""
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    course = course_of(Walker(hqp.robots.load(name, rotors=True), deadline=math.inf), seed=0)
+    certain, ticks = 0, 2800
+    for i in range(ticks):
+        if i == 500:
+            course.walker.go(speed)
+        certain += course.step().status is Status.OPTIMAL
+    assert not course.fallen
+    assert certain >= 0.999 * ticks

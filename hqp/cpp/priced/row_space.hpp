@@ -129,6 +129,17 @@ class RowSpace {
     }
   }
 
+  // Move part (rank) by the least that changes the row added last by b, to its error; grown (rank): how far errors of
+  // the rows move each entry.
+  void reach(double b, double error, double* part, double* grown) const {
+    const int k = rank_ - 1;
+    const double* r = &R_[static_cast<std::size_t>(k) * most_];
+    for (int j = 0; j < k; ++j) error += std::fabs(r[j]) * grown[j];
+    const double by = b - dot_any(r, part, k);
+    grown[k] = error / std::fabs(r[k]);
+    part[k] = std::copysign(larger(std::fabs(by) - error, 0.0), by) / r[k];
+  }
+
   // lambda (rank): the sum of lambda_k a_k has this part.
   void multipliers(const double* part, double* lambda) const {
     for (int k = 0; k < rank_; ++k) lambda[k] = part[k];

@@ -14,6 +14,7 @@
 #include "row_space.hpp"
 #include "secular.hpp"
 #include "stage_rows.hpp"
+#include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -103,25 +104,26 @@ class StageSearch {
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
   // Return true if the end y of the latest solve violates a row or a sign by more than rounding, if nearly opposed
   // multipliers are so large that their rounding does, or if it moves where rows that it misses are met.  working: the
-  // rows held, by number; open: additional error of each row.
+  // rows held, by number; open: slacks of rows whose values may be those of rows that are met.
   bool strays(const std::vector<int>& working, const std::vector<double>& open, const double* y) {
     if (off_ > accurate_) return true;
     at_point(y);
     const double least = rows_->rounding() * size_;  // rows no longer than that have no direction of their own
-    own_set_.clear();
+    bool missing = false;
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
-      const double value = row.value(x_.data(), y, n_), over = value - row.upper, under = value - row.lower;
-      const double off = larger(-under, over);
+      const double off = std::abs(beyond(i, y)), more = row.number >= 0 ? std::abs(open[row.number]) : 0.0;
       if (off > allowed(row, accurate_, 0.0) + least && off > accurate_ * terms(row, x_.data(), y)) return true;
-      double out = side_[i] == 1 ? over : side_[i] == -1 ? under : over > 0.0 ? over : smaller(under, 0.0);
-      if (row.equal() && side_[i] == 2) out = 0.0;
-      if (row.number >= 0) out += open[row.number];
-      if (std::abs(out) <= allowed(row, kNoRate, 0.0) + least || own_set_.size() == own_lambda_.size()) continue;
-      other_[own_set_.size()] = out;
-      own_set_.push_back(i);
+      missing = missing || (larger(off, more) > kOnRow * row.size && larger(off, more) > error(i, y));
     }
-    return !own_set_.empty() && missed(working, y) > kUncertain;
+    if (!missing) return false;
+    rest_ = set_;
+    const bool moved = back(y, &open) > kUncertain || back(y, nullptr) > kUncertain;
+    own_set_ = rest_;
+    hold({});
+    enter_all(working);
+    set_ = own_set_;
+    return moved;
   }
   // Return true if the equalities determine coordinate j.
   bool determines(int j) const { return space_.determines(j, fixed_); }
@@ -325,29 +327,58 @@ class StageSearch {
     return !still;
   }
 
-  // The least motion, of 1 + |y|, that brings rows own_set_, off by other_, to their bounds, and keeps the other rows
-  // that are held.
-  double missed(const std::vector<int>& working, const double* y) {
-    rest_ = set_;
-    rows_->forget_turned();
-    cut(0);
-    fixed_ = 0;
-    space_.threshold = kOnRow;  // missed rows count, however little other rows leave of them
-    for (std::size_t k = 0; k < own_set_.size(); ++k)
-      if (add(own_set_[k])) own_lambda_[space_.rank() - 1] = other_[k];
-    space_.threshold = kDirection;
+  // By how much a row is beyond its bounds, 0 if it depends on those held.
+  double beyond(int i, const double* y) const {
+    const StageRow& row = (*rows_)[i];
+    return row.equal() && side_[i] == 2 ? 0.0 : slack(row.value(x_.data(), y, n_), row.lower, row.upper);
+  }
+  // Rounding of a row's value and its bound.
+  double error(int i, const double* y) const {
+    return 2.0 * kOnRow * ((*rows_)[i].size + terms((*rows_)[i], x_.data(), y));
+  }
+
+  // The least motion, of 1 + |y|, that takes rows back that are beyond their bounds, and holds the rows held and others
+  // in its way, each to its error, which grows along nearly dependent rows.  open: slacks to be taken back as well, or
+  // null; the result is 0 if errors do not hide how these would fall, since the optimum of their level allows no fall.
+  double back(const double* y, const std::vector<double>* open) {
+    own_set_.clear();
+    double fall = 0.0, hidden = 0.0;  // of half the squared slacks; that of errors for a motion of length 1
+    for (int i = 0; i < rows_->count(); ++i) {
+      const StageRow& row = (*rows_)[i];
+      const double more = open && row.number >= 0 ? (*open)[row.number] : 0.0, own = error(i, y);
+      rate_[i] = beyond(i, y) + more;
+      fall += more * more;
+      if (more != 0.0) hidden += own * row.size;
+      if (std::abs(rate_[i]) > own) own_set_.push_back(i);
+    }
+    const auto off = own_set_.size();
     for (const int i : rest_)
-      if (std::find(own_set_.begin(), own_set_.end(), i) == own_set_.end() && add(i))
-        own_lambda_[space_.rank() - 1] = 0.0;
-    space_.meet(own_lambda_.data(), part_.data());
-    std::fill(aim_.begin(), aim_.end(), 0.0);
-    space_.join(aim_.data(), part_.data());
-    space_.turn_back(aim_.data(), N_);
-    own_set_ = rest_;
-    hold({});
-    enter_all(working);
-    set_ = own_set_;
-    return apart(aim_.data(), y);
+      if (std::find(own_set_.begin(), own_set_.begin() + off, i) == own_set_.begin() + off) own_set_.push_back(i);
+    for (std::size_t met = 0; met < own_set_.size();) {
+      rows_->forget_turned();
+      cut(0);
+      fixed_ = 0;
+      space_.threshold = kOnRow;  // rows count, however little others leave of them
+      for (const int i : own_set_)
+        if (add(i)) space_.reach(-rate_[i], error(i, y), own_lambda_.data(), part_.data());
+      space_.threshold = kDirection;
+      std::fill(aim_.begin(), aim_.end(), 0.0);
+      space_.join(aim_.data(), own_lambda_.data());
+      space_.turn_back(aim_.data(), N_);
+      rows_->at().step(aim_.data(), move_.data());
+      met = own_set_.size();
+      for (int i = 0; i < rows_->count(); ++i) {
+        if (std::find(own_set_.begin(), own_set_.end(), i) != own_set_.end()) continue;
+        const StageRow& row = (*rows_)[i];
+        const double value = row.value(x_.data(), y, n_), rate = row.value(move_.data(), aim_.data(), n_);
+        const double out = slack(value + rate, row.lower, row.upper);
+        if (std::abs(out) <= error(i, y)) continue;
+        rate_[i] = value - row.bound(out > 0.0 ? 1 : -1);
+        own_set_.push_back(i);
+      }
+    }
+    if (open && fall > 0.0) return fall > hidden * std::sqrt(dot_any(move_.data(), move_.data(), n_)) ? 0.0 : INFINITY;
+    return own_set_.empty() ? 0.0 : apart(aim_.data(), y);
   }
 
   // The length of the motion in `step`, of that of y.

@@ -158,7 +158,7 @@ class Frozen final : public Operation {  // joints that stay where they were
 
 struct Limits {  // limits of each joint, infinite for none; see JointLimits for the equations
   std::vector<double> low, high, speed, acceleration, braking;
-  double approach, return_velocity, noise;  // approach [1/s], infinite for none; noise: that of rates
+  double approach, return_velocity, noise;  // approach [1/s], infinite for none; noise of measured rates [1/s]
   double dt;
   int order;
 };
