@@ -19,7 +19,7 @@ from hqp.declare.safety import RateLimits
 from hqp.declare.stack import Stack, coupled
 from hqp.explanation.notes import STATUSES
 from hqp.loop.checks import turning, units_of
-from hqp.loop.guards import following, jerk_limits, largest_change, motor_limits, rate_limits
+from hqp.loop.guards import following, jerk_limits, largest_changes, motor_limits, rate_limits
 from hqp.loop.presence import PhaseLaws, Presence
 from hqp.loop.way import Waypoint, path
 from hqp.problem import Solution, Stats, Status
@@ -257,7 +257,11 @@ class Compiler:
         kernel = None if bind is None else bind(program.problem)  # here, not in the first tick
         hard = frozenset(element.name for element in whole.subject_to)
         deadline = self._deadline if limit is not None else math.inf
-        guards = {**self._guards, "deadline": deadline, "gradual": largest_change(program.kind, self._dt)}
+        guards = {
+            **self._guards,
+            "deadline": deadline,
+            "gradual": largest_changes(self._robot, whole, program.kind, self._dt),
+        }
         guards["rates"] = rate_limits(self._robot, self._controller.rates, program.kind, self._dt)
         guards["jerk"] = jerk_limits(self._robot, whole, formulation, program.kind, self._dt)
         netted = program.kind != "torque" or (bounded and getattr(formulation, "effort_limits", True))

@@ -75,9 +75,22 @@ GRADUAL = RateLimits(velocity=10.0, acceleration=500.0, torque=500.0)
 
 
 def largest_change(kind: str, dt: float) -> float:
-    """Largest change of each motor in a tick by ``GRADUAL`` [rad/s, rad/s^2, N m]."""
+    """Largest change of a motor in a tick by ``GRADUAL`` [rad/s, rad/s^2, N m]."""
     rate: float = getattr(GRADUAL, kind)
     return dt * rate
+
+
+def largest_changes(robot: Robot, stack: Stack, kind: str, dt: float) -> list[float]:
+    """Largest change of each motor in a tick by ``GRADUAL`` and, at velocity level, by the windows of JointLimits."""
+    from hqp.tasks import JointLimits
+
+    most = np.full(robot.nv, largest_change(kind, dt))
+    for element in stack.subject_to:
+        if kind == "velocity" and isinstance(element, JointLimits):
+            k = element.selection(robot)
+            most[k] = np.minimum(most[k], dt * element.rates(robot)[0])
+    changes: list[float] = most[robot.actuated].tolist()
+    return changes
 
 
 LYING = math.cos(math.radians(60.0))

@@ -111,7 +111,7 @@ Outgoing outgoing(const Node& root, const Line& line, const RobotNames& robot) {
   if (statuses.size() != kStatuses)
     throw PlanError("the plan lists " + std::to_string(statuses.size()) + " status texts, needed " +
                     std::to_string(kStatuses) + ": export it anew");
-  return line.outgoing(robot.picks, guards.number("gradual"), guards.number("violation"), statuses);
+  return line.outgoing(robot.picks, guards.numbers("gradual"), guards.number("violation"), statuses);
 }
 
 inline ContactWatch contact_watch(const Line& line) {

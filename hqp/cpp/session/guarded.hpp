@@ -33,7 +33,7 @@ class Guarded : public SessionState {
     return tick_;
   }
 
-  // Move a blend of two sessions from the last command with limited jerk and a change of at most `most`; return false
+  // Move a blend of two sessions from the last command with limited jerk and at most `most` changes; return false
   // if the stack limits no jerk.
   template <class Report>
   bool smooth(const double* last, double most, double* x, const Report& report) {

@@ -64,9 +64,9 @@ class JerkLimiter {
                         " motors: export the plan anew");
   }
 
-  // Write the next command into x, from an answer in x and the command that was sent last.  largest: change of a motor
-  // in a tick to which accelerations fall.
-  void approach(const double* last, double largest, double* x) {
+  // Write the next command into x, from an answer in x and the command that was sent last.  changes, most:
+  // accelerations fall to so many of these changes of each motor in a tick.
+  void approach(const double* last, const double* changes, double most, double* x) {
     const std::size_t n = last_.size();
     std::copy(x, x + n, answer_.begin());
     const bool follows = std::equal(last_.begin(), last_.end(), last);
@@ -79,8 +79,8 @@ class JerkLimiter {
     for (std::size_t i = 0; i < n; ++i) x[i] = share * answer_[i] - last[i];  // d
     double gain = dt_ / (0.5 * dt_ + std::sqrt(0.25 * dt_ * dt_ + size(x)));  // dt b = gain d
     for (std::size_t i = 0; i < places_.size(); ++i) {
-      const double most = std::min(limits_.change[i], largest), wanted = gain * std::fabs(x[places_[i]]);
-      if (wanted > most) gain *= most / wanted;
+      const double least = std::min(limits_.change[i], most * changes[i]), wanted = gain * std::fabs(x[places_[i]]);
+      if (wanted > least) gain *= least / wanted;
     }
     for (std::size_t i = 0; i < n; ++i) x[i] = gain * x[i] - change_[i];
     const double jerk = size(x) / (dt_ * dt_), allowed = jerk > 1.0 ? 1.0 / jerk : 1.0;

@@ -80,12 +80,12 @@ class Late {
 
   // Choose x from the cut answer, the last x and the extrapolated one: `ahead`, unless `last` is better, or the cut
   // answer by more than the next ticks make up. Each is clipped into the box of this tick; a change of a joint above
-  // `most` is shortened along the line from `last`, for residuals are convex.
-  const double* choose(const double* cut, const double* last, const double* ahead, const int* joints, std::size_t count,
-                       double most) {
+  // its share of `changes` is shortened along the line from `last`, for residuals are convex.
+  const double* choose(const double* cut, const double* last, const double* ahead, const std::vector<int>& joints,
+                       const std::vector<double>& changes) {
     take(here_, last), box(here_), judge(here_);
-    take(on_, ahead), towards(on_, joints, count, most), box(on_), judge(on_);
-    take(cut_, cut), box(cut_), towards(cut_, joints, count, most), judge(cut_);
+    take(on_, ahead), towards(on_, joints, changes), box(on_), judge(on_);
+    take(cut_, cut), box(cut_), towards(cut_, joints, changes), judge(cut_);
     const Point& best = better(here_, on_, false) ? here_ : on_;
     return (better(cut_, best, true) ? cut_ : best).x.data();
   }
@@ -111,15 +111,15 @@ class Late {
     }
   }
 
-  // Shorten the way from `here` so that no joint moves by more than `most`.
-  void towards(Point& to, const int* joints, std::size_t count, double most) const {
-    double reach = 0.0;
-    for (std::size_t i = 0; i < count; ++i) {
+  // Shorten the way from `here` so that no joint moves by more than its change.
+  void towards(Point& to, const std::vector<int>& joints, const std::vector<double>& changes) const {
+    double reach = 1.0;
+    for (std::size_t i = 0; i < joints.size(); ++i) {
       const std::size_t k = std::size_t(joints[i]);
-      reach = std::max(reach, std::fabs(to.x[k] - here_.x[k]));
+      reach = std::max(reach, std::fabs(to.x[k] - here_.x[k]) / changes[i]);
     }
-    if (reach <= most) return;
-    for (std::size_t i = 0; i < to.x.size(); ++i) to.x[i] = here_.x[i] + (most / reach) * (to.x[i] - here_.x[i]);
+    if (reach == 1.0) return;
+    for (std::size_t i = 0; i < to.x.size(); ++i) to.x[i] = here_.x[i] + (to.x[i] - here_.x[i]) / reach;
   }
 
   // Compute slacks, and for every level ||w||, ||w|| + c E(x) and its tolerance for levels below.

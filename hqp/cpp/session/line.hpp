@@ -205,14 +205,22 @@ class Line {
   }
 
   // Make the outgoing command of its answers; see Outgoing.
-  Outgoing outgoing(std::vector<int> motors, double most, double violation, std::vector<std::string> sentences) const {
+  Outgoing outgoing(std::vector<int> motors, std::vector<double> changes, double violation,
+                    std::vector<std::string> sentences) const {
     std::vector<Outgoing::Part> parts;
     for (const Member* one : placed_)
       if (one->level < constraints_)
         parts.push_back(
             {one->name, one->level, one->first, one->last, one->row_names, assembly().operation(one->operation)});
-    return {n_,   levels_,   constraints_,        law_, std::move(parts), std::move(motors),
-            most, violation, std::move(sentences)};
+    return {n_,
+            levels_,
+            constraints_,
+            law_,
+            std::move(parts),
+            std::move(motors),
+            std::move(changes),
+            violation,
+            std::move(sentences)};
   }
   int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
   const double* error(const Member& member) const { return laws_.error + member.row; }

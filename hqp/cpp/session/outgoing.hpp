@@ -78,15 +78,15 @@ class Outgoing {
     const Operation* operation = nullptr;  // with names that change, null for none
   };
 
-  // levels, law: live, see Late.  motors: their indices in x.  most: largest change of one in a tick towards a cut
+  // levels, law: live, see Late.  motors: their indices in x.  changes: largest change of each in a tick towards a cut
   // answer.  sentences: one per status.
   Outgoing(int n, std::vector<Level> levels, int constraints, const Law& law, std::vector<Part> parts,
-           std::vector<int> motors, double most, double violation, std::vector<std::string> sentences)
+           std::vector<int> motors, std::vector<double> changes, double violation, std::vector<std::string> sentences)
       : n_(n),
         levels_(std::move(levels)),
         parts_(std::move(parts)),
         motors_(std::move(motors)),
-        most_(most),
+        changes_(std::move(changes)),
         violation_(violation),
         constraints_(constraints),
         sentences_(std::move(sentences)),
@@ -94,6 +94,9 @@ class Outgoing {
         trend_(std::size_t(n)),
         ahead_(std::size_t(n)),
         first_(std::size_t(n)) {
+    if (changes_.size() != motors_.size())
+      throw PlanError("a transition has " + std::to_string(changes_.size()) + " changes, needed " +
+                      std::to_string(motors_.size()) + ": export the plan anew");
     for (const Level& level : levels_) {
       starts_.push_back(slack_.size());
       slack_.resize(slack_.size() + std::size_t(level.m));
@@ -101,8 +104,9 @@ class Outgoing {
   }
 
   int size() const { return n_; }
-  double most() const { return most_; }  // largest change of a motor's command in a tick of a transition
-  Trend& trend() { return trend_; }      // trend of the sent answers
+  // Largest change of each motor's command in a tick of a transition.
+  const std::vector<double>& changes() const { return changes_; }
+  Trend& trend() { return trend_; }  // trend of the sent answers
   std::size_t rows() const { return slack_.size(); }
 
   // Write the answer or its replacement into x; return false if it is unusable, and the command must come to rest.
@@ -128,7 +132,7 @@ class Outgoing {
     const double* sent = answer.x;
     if (cut && trend_.known()) {
       trend_.after(before.x, before.tick, ahead_.data());
-      sent = late_.choose(answer.x, before.x, ahead_.data(), motors_.data(), motors_.size(), most_);
+      sent = late_.choose(answer.x, before.x, ahead_.data(), motors_, changes_);
     } else if (cut) {
       rest.begin(from(), before.x, true);
       rest.next(first_.data());
@@ -168,12 +172,12 @@ class Outgoing {
     off_at(x, limiter.name(), report);
   }
 
-  // Move from the last command towards x with limited jerk and an acceleration that falls to one of `most` a tick;
+  // Move from the last command towards x with limited jerk and an acceleration that falls to `most` changes a tick;
   // inequalities of subject_to that the answer keeps are kept.
   template <class Report>
   void smooth(JerkLimiter& jerk, const double* angles, const double* last, double most, double* x,
               const Report& report) {
-    jerk.approach(last, most, x);
+    jerk.approach(last, changes_.data(), most, x);
     jerk.keep_within_limits(angles, x);
     const double* answer = jerk.answer().data();
     for (const Part& part : parts_) {
@@ -243,7 +247,8 @@ class Outgoing {
   std::vector<Level> levels_;
   std::vector<Part> parts_;
   std::vector<int> motors_;
-  double most_, violation_;
+  std::vector<double> changes_;
+  double violation_;
   int constraints_;
   std::vector<std::string> sentences_;
   Late late_;

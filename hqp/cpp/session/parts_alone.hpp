@@ -76,7 +76,9 @@ class CutAnswers {
     if (!reader.read(hierarchy_, n, rows, !hierarchy_.attr("metric").is_none(), levels.data(), problem, prices) ||
         !reader.read_law(hierarchy_, n, std::vector<char>(rows.size(), 1), prices, law))
       throw nb::value_error("the hierarchy's arrays do not have the shapes or types that its levels need");
-    return {n, std::move(levels), problem.constraints, law, {}, motors, most, violation, std::move(sentences)};
+    return {
+        n,         std::move(levels),   problem.constraints, law, {}, motors, std::vector<double>(motors.size(), most),
+        violation, std::move(sentences)};
   }
 
   nb::object hierarchy_;  // keeps its arrays

@@ -27,10 +27,12 @@ class Ramp {
   static constexpr double kPatience = 10.0;
   static constexpr double kNearly = 1.0 - 1e-6;  // largest progress of a pair while its command is limited
 
-  // ticks: least number for all pairs.  cap: largest change of a motor's command in a tick.  motors: their indices in
-  // x.
-  Ramp(double ticks, double cap, std::vector<int> motors)
-      : ticks_(ticks), left_(kPatience * ticks), cap_(cap), most_(cap), motors_(std::move(motors)) {}
+  // ticks: least number for all pairs.  caps: largest change of each motor's command in a tick, the unit of changes
+  // here.  motors: their indices in x.
+  Ramp(double ticks, std::vector<double> caps, std::vector<int> motors)
+      : ticks_(ticks), left_(kPatience * ticks), caps_(std::move(caps)), motors_(std::move(motors)) {}
+
+  const std::vector<double>& caps() const { return caps_; }
 
   // Spans of the pairs: 0 for one that takes a single tick, else 1.
   void take(std::vector<double> spans) {
@@ -43,7 +45,7 @@ class Ramp {
   std::size_t at() const { return at_; }  // pair
   bool arriving() const { return at_ + 1 == spans_.size(); }
   bool done() const { return arriving() && s_ >= 1.0; }
-  double most() const { return most_; }  // largest change of a command in this tick
+  double most() const { return most_; }  // largest change of a command in this tick, in caps
   double progress() const {              // 0 at the start, 1 at the end of all pairs
     double before = 0.0;
     for (std::size_t k = 0; k < at_; ++k) before += spans_[k];
@@ -61,8 +63,8 @@ class Ramp {
     double weight = weight_at(h), s = inverse(h);
     if (s > s_) left_ -= 1.0;
     double reach = between(a, b, last, weight, x, n);
-    most_ = cap_;
-    if (reach > cap_ && felt) most_ += between(a, b, last, weight_at(smooth(s_)), x, n);
+    most_ = 1.0;
+    if (reach > 1.0 && felt) most_ += between(a, b, last, weight_at(smooth(s_)), x, n);
     if (reach > most_) {
       const double least = weight_at(smooth(std::min(s, s_ + (left_ < 0.0 ? pace_ / kPatience : 0.0))));
       const double fast = fastest(a, b, last, weight);
@@ -91,8 +93,9 @@ class Ramp {
   double between(const double* a, const double* b, const double* last, double weight, double* x, std::size_t n) const {
     for (std::size_t i = 0; i < n; ++i) x[i] = a[i] + weight * (b[i] - a[i]);
     double largest = 0.0;
-    for (const int i : motors_) {
-      const double change = std::fabs(x[i] - last[i]);
+    for (std::size_t k = 0; k < motors_.size(); ++k) {
+      const int i = motors_[k];
+      const double change = std::fabs(x[i] - last[i]) / caps_[k];
       if (!(change <= largest)) largest = change;
     }
     return largest;
@@ -100,16 +103,18 @@ class Ramp {
   // The largest weight below the given one for which no command changes by more than most, 0 if there is none.
   double fastest(const double* a, const double* b, const double* last, double weight) const {
     double low = 0.0, high = weight;
-    for (const int i : motors_) {
-      const double difference = b[i] - a[i], size = std::fabs(difference);
-      if (!(size > kStill * cap_)) continue;
+    for (std::size_t k = 0; k < motors_.size(); ++k) {
+      const int i = motors_[k];
+      const double difference = b[i] - a[i], size = std::fabs(difference) / caps_[k];
+      if (!(size > kStill)) continue;
       const double reach = most_ / size, middle = -(a[i] - last[i]) / difference;
       low = std::max(low, middle - reach), high = std::min(high, middle + reach);
     }
     return low <= high ? high : 0.0;
   }
 
-  double ticks_, left_, cap_, most_;
+  double ticks_, left_, most_ = 1.0;
+  std::vector<double> caps_;
   std::vector<int> motors_;
   std::vector<double> spans_;
   double total_ = 1.0, pace_ = 1.0, s_ = 0.0;

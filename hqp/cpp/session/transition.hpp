@@ -79,10 +79,8 @@ class Transition {
         way_(way),
         under_way_(under_way),
         hooks_(hooks),
-        ramp_(ticks, stacks_[0]->outgoing().most(), stacks_[0]->robot().picks),
-        gradual_(stacks_[0]->robot().joint_names,
-                 std::vector<double>(stacks_[0]->robot().picks.size(), 1.0 / stacks_[0]->outgoing().most()),
-                 stacks_[0]->line().dt(), "transition"),
+        ramp_(ticks, changes(stacks_), stacks_[0]->robot().picks),
+        gradual_(stacks_[0]->robot().joint_names, inverse_of(ramp_.caps()), stacks_[0]->line().dt(), "transition"),
         x_(under_way ? under_way->x_ : stacks_[0]->latest().x),
         good_(under_way ? under_way->good_ : stacks_[0]->latest().good),
         ordinary_(under_way ? under_way->ordinary_ : stacks_[0]->ordinary()),
@@ -207,6 +205,17 @@ class Transition {
   Guarded& last() const { return *stacks_.back(); }
 
  private:
+  // Largest change of each motor in a tick that all stacks allow.
+  static std::vector<double> changes(const std::vector<Guarded*>& stacks) {
+    std::vector<double> found = stacks[0]->outgoing().changes();
+    for (Guarded* one : stacks)
+      for (std::size_t i = 0; i < found.size(); ++i) found[i] = std::min(found[i], one->outgoing().changes()[i]);
+    return found;
+  }
+  static std::vector<double> inverse_of(std::vector<double> values) {
+    for (double& one : values) one = 1.0 / one;
+    return values;
+  }
   Guarded& stack(std::size_t k) const { return *stacks_[order_[ramp_.at() + k]]; }
   bool is_under_way(std::size_t k) const { return under_way_ && order_[ramp_.at() + k] == 0; }
   const Tick& tick_of(std::size_t k) const { return is_under_way(k) ? under_way_->tick_ : stack(k).tick(); }
