@@ -11,21 +11,20 @@ import multiprocessing
 import os
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.random import Generator
 
 import hqp
 from benchmarks.reports import report
-from hqp import Hierarchy, Rows, Status
+from hqp import Hierarchy, Status
 from hqp.arrays import Vec
+from tests.scenes.noise import noisy
 from tests.scenes.stacks import scene
 
 ROBOTS = ("talos", "g1", "cbi", "icub", "romeo", "go2", "anymal")
-NOISE = 1e-12
 ALLOWED = 1e-6
 """Largest change of a command, of the largest torque."""
 PUSHED, KICK = 250, 0.05
@@ -73,18 +72,6 @@ class Found:
     refused: int = 0
     step: float = 0.0
     """Largest change of a torque in a tick without a push [N m]."""
-
-
-def noisy(problem: Hierarchy, rng: Generator) -> Hierarchy:
-    """The problem with noise in every dense row and its bounds."""
-    levels = []
-    for rows in problem.levels:
-        if isinstance(rows.A, np.ndarray):
-            factor = 1.0 + NOISE * rng.standard_normal(rows.m)
-            A = rows.A * (1.0 + NOISE * rng.standard_normal(rows.A.shape))
-            rows = Rows(A, rows.lower * factor, rows.upper * factor)
-        levels.append(rows)
-    return replace(problem, levels=tuple(levels), stacked=None)
 
 
 class Warm:

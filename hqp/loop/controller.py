@@ -14,7 +14,7 @@ from hqp.declare.stack import Stack, require_stack
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.numbers import plain, set_numbers
 from hqp.programs.formulation import Formulation, Velocity
-from hqp.solvers import load
+from hqp.solvers import ALLOWED, load
 from hqp.solvers.base import Solver
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ class Controller:
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))
         elif not isinstance(self.solver, Solver):
-            allowed = "a name that `hqp solvers` lists, or a Solver"
-            raise DeclarationError("controller", "solver", value=self.solver, allowed=allowed)
+            raise DeclarationError("controller", "solver", value=self.solver, allowed=ALLOWED)
         if self.deadline is not None:
             set_numbers(self, "controller", ("deadline",), 0.0, strict=True, infinite=True)
         for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):

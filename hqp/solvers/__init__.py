@@ -53,7 +53,8 @@ _ALONE = ("proxqp", "osqp")
 """Back ends through their own packages; every other one goes through qpsolvers."""
 _DEFAULT_BACKEND = "proxqp"  # back end of cascade and weighted
 _EXTRA = ("proxqp", "osqp", "daqp", "piqp", "clarabel")
-_ALLOWED = "a name that `hqp solvers` lists, or a Solver"
+ALLOWED = "a name that `hqp solvers` lists, or a Solver"
+"""Allowed values of an argument that takes a solver."""
 _INSTALL = "pip install 'hqp[solvers]'"
 
 
@@ -100,7 +101,7 @@ def select(given: str | Solver | Iterable[str | Solver]) -> tuple[str | Solver, 
     found = (given,) if isinstance(given, Solver) or not isinstance(given, Iterable) else tuple(given)
     for one in found:
         if not isinstance(one, (str, Solver)):
-            raise DeclarationError("solvers", "not a solver", value=one, allowed=_ALLOWED)
+            raise DeclarationError("solvers", "not a solver", value=one, allowed=ALLOWED)
     return found
 
 
@@ -111,7 +112,7 @@ def load(name: str = "", **options: Any) -> Solver:
     package is missing.
     """
     if not isinstance(name, str):
-        raise DeclarationError("solvers", "not a name", value=name, allowed=_ALLOWED)
+        raise DeclarationError("solvers", "not a name", value=name, allowed=ALLOWED)
     name = name or default()
     base, _, backend = name.partition(":")
     if backend:

@@ -13,9 +13,9 @@ from numpy.random import Generator
 
 import hqp
 from hqp import Hierarchy, Rows, Status
+from tests.scenes.noise import noisy
 from tests.scenes.stacks import scene
 
-NOISE = 1e-12
 LIPSCHITZ = 1e-6
 """Largest change of a command, of the largest torque."""
 
@@ -33,14 +33,6 @@ def problems(name: str, price: float | None) -> list[Hierarchy]:
             found.append(session.problem.copy())
         q, v = tick.advance()
     return found
-
-
-def noisy(problem: Hierarchy, rng: Generator) -> Hierarchy:
-    levels = []
-    for rows in problem.levels:
-        A, factor = rows.dense(problem.n), 1.0 + NOISE * rng.normal(size=rows.m)
-        levels.append(Rows(A * (1.0 + NOISE * rng.normal(size=A.shape)), rows.lower * factor, rows.upper * factor))
-    return replace(problem, levels=(problem.levels[0], *levels[1:]), stacked=None)
 
 
 def stored_otherwise(problem: Hierarchy, rng: Generator) -> Hierarchy:

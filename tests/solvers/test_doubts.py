@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.random import Generator
 
 import hqp
 from hqp import Hierarchy, Motion, Rows, Selection, Status
 from hqp.arrays import Vec
 from hqp.walking import Walker
 from tests.scenes.kinds import KINDS, problem
+from tests.scenes.noise import noisy
 from tests.scenes.priced import solved_in_a_loop
 from tests.scenes.stacks import scene
 
-NOISE = 1e-12
 STILL = 1e-6
 """Share of the largest entry: an answer that moves by less is the same."""
-
-
-def noisy(problem: Hierarchy, rng: Generator) -> Hierarchy:
-    levels = []
-    for rows in problem.levels:
-        if isinstance(rows.A, np.ndarray):
-            factor = 1.0 + NOISE * rng.standard_normal(rows.m)
-            A = rows.A * (1.0 + NOISE * rng.standard_normal(rows.A.shape))
-            rows = Rows(A, rows.lower * factor, rows.upper * factor)
-        levels.append(rows)
-    return replace(problem, levels=tuple(levels), stacked=None)
 
 
 def test_noise_that_moves_no_command_makes_few_uncertain() -> None:
