@@ -14,10 +14,11 @@ from hqp.errors import DeclarationError
 def plain(value: Any) -> float | None:
     """Return a real scalar as a plain int or float, None for anything else.
 
-    A scalar of NumPy or an array library without dimensions counts, too; a truth value does not.
+    A scalar of NumPy or an array library without dimensions counts, too; a truth value or a complex one does not.
     """
     scalar = isinstance(value, Real) or getattr(value, "shape", None) == ()
-    if not scalar or isinstance(value, bool) or "bool" in str(getattr(value, "dtype", "")):
+    kind = str(getattr(value, "dtype", ""))
+    if not scalar or isinstance(value, bool) or "bool" in kind or "complex" in kind:
         return None
     try:
         return int(value) if isinstance(value, Integral) else float(value)

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from hqp.errors import DeclarationError, ModelError, ModelWarning, closest
+from hqp.numbers import number
 
 from . import file_kind, from_srdf, from_urdf
 from .description import Description
@@ -47,8 +48,10 @@ def load(
     belong to.  None takes the actuated trees; other moving bodies become ``robot.obstacles``, and a note lists them.
     The content of a file decides between URDF and MJCF, not its suffix.  Raises ModelError if no robot has that name
     (with the closest names) or a file cannot be read, DeclarationError for another type, an SRDF without a URDF, a root
-    without an MJCF, or a base that differs from the request and cannot be changed.
+    without an MJCF, a negative inertia, or a base that differs from the request and cannot be changed.
     """
+    if not isinstance(rotors, bool):
+        rotors = number("robot", "rotors", rotors, 0.0, unit="kg m^2")
     path = Path(source) if isinstance(source, (str, Path)) else Path()
     kind = file_kind.of(path) if path.is_file() and str(source) not in names() else ""
     if srdf is not None and kind != "urdf":
@@ -69,7 +72,7 @@ def load(
         return _own(str(source), floating is not False, rotors is not False)
     robot = _from_file(path, floating, name, srdf, root) if kind else _named(str(source), floating, name)
     if rotors and robot.description is not None and robot.description.simulated is None:
-        for joint, inertia in rotor_inertia(robot, None if rotors is True else float(rotors)).items():
+        for joint, inertia in rotor_inertia(robot, None if rotors is True else rotors).items():
             robot.model.armature[robot.model.joints[robot.model.getJointId(joint)].idx_v] = inertia
     return robot
 

@@ -141,6 +141,8 @@ class Robot:
                 "; robot.configuration(angles) makes a configuration from joint angles" if q.shape == (self.nv,) else ""
             )
             raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},){hint}")
+        if not np.isfinite(q).all():
+            raise DeclarationError(self.name, "home", value=q, allowed="finite numbers")
         self.home, moved = self._inside(q)
         self.home = self._coupled(self.home)
         if moved:

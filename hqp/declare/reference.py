@@ -106,12 +106,13 @@ def copied(reference: Reference) -> Reference:
     return Reference(**{name: copy(part) for name, part in vars(reference).items()})
 
 
-def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> Vec:
-    """A float64 copy of ``value``, of that shape; raises DeclarationError with the given value."""
+def numbers(element: str, what: str, value: object, shape: tuple[int, ...], remedy: str = "") -> Vec:
+    """A float64 copy of ``value``, of that shape; raises DeclarationError with the given value and the remedy."""
+    allowed = f"shape {shape}{remedy and ': '}{remedy}"
     try:
         array = value.copy() if isinstance(value, np.ndarray) and value.dtype is FLOAT else np.array(value, FLOAT)
     except (TypeError, ValueError, OverflowError) as error:
-        raise DeclarationError(element, f"{what} is not numeric", value=value) from error
+        raise DeclarationError(element, f"{what} is not numeric", value=value, allowed=allowed) from error
     if array.shape != shape:
-        raise DeclarationError(element, f"{what} has shape {array.shape}", allowed=f"shape {shape}")
+        raise DeclarationError(element, f"{what} has shape {array.shape}", allowed=allowed)
     return array

@@ -11,6 +11,7 @@ from hqp.declare.law import Law
 from hqp.declare.price import Price, Priced, as_price
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
+from hqp.kinds import require
 
 E = TypeVar("E", bound=Element)
 
@@ -175,8 +176,7 @@ class Stack:
 
 def require_stack(owner: str, stack: object) -> None:
     """Raise DeclarationError for anything but a Stack."""
-    if not isinstance(stack, Stack):
-        raise DeclarationError(owner, "not a Stack", value=stack, allowed="Stack(Level(...), ...)")
+    require(owner, "stack", stack, Stack, "Stack(Level(...), ...)")
 
 
 def coupled(stack: Stack, robot: Robot) -> Stack:

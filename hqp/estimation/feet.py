@@ -10,8 +10,10 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.declare import plans
+from hqp.declare.reference import numbers
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
+from hqp.kinds import names, require_robot
 from hqp.numbers import number
 
 
@@ -66,6 +68,8 @@ class FeetEstimator:
         bias: float = 1.0,
         position: float = 0.02,
     ) -> None:
+        require_robot("estimator", robot)
+        feet = names("estimator", "feet", feet, "frames of the soles")
         if not robot.floating:
             raise DeclarationError("estimator", f"{robot.name} has a fixed base", allowed="a free base")
         constants = {"period": period, "tilt": tilt, "yaw": yaw, "velocity": velocity, "bias": bias}
@@ -75,11 +79,12 @@ class FeetEstimator:
         }
         from hqp import _session  # a package without compiled parts imports this room
 
-        self._robot = robot.copy()
+        self._robot, self._feet = robot.copy(), len(feet)
+        least_load = number("estimator", "least_load", least_load, 0.0, unit="N")
         constants |= {"landed": self.LANDED, "faint": self.FAINT, "slips": self.SLIPS, "turns": self.TURNS}
         constants |= {"smooth": self.SMOOTH, "lost": self.LOST, "agree": self.AGREE, "least_load": least_load}
         tree = {**feet_tree(self._robot, feet), **constants, "gravity": robot.gravity.tolist()}
-        self._native = _session.FeetEstimator(tree, _numbers(q))
+        self._native = _session.FeetEstimator(tree, numbers("estimator", "q", q, (robot.nq,)))
 
     @property
     def slipping(self) -> tuple[bool, ...]:
@@ -94,8 +99,9 @@ class FeetEstimator:
         the base's axes, at its origin ``(3,)`` [m/s^2].  load: normal force at each foot ``(feet,)`` [N].
         """
         found_q, found_v = np.empty(self._robot.nq), np.empty(self._robot.nv)
-        measured = _numbers(q), _numbers(v), _numbers(specific_force), _numbers(load)
-        self._native.update(*measured, found_q, found_v)
+        at, speed = (numbers("estimator", "q", q, found_q.shape), numbers("estimator", "v", v, found_v.shape))
+        felt = numbers("estimator", "specific_force", specific_force, (3,))
+        self._native.update(at, speed, felt, numbers("estimator", "load", load, (self._feet,)), found_q, found_v)
         return found_q, found_v
 
 
@@ -109,7 +115,3 @@ def feet_tree(robot: Robot, feet: Sequence[str]) -> dict[str, Any]:
         raise DeclarationError("feet", f"{robot.name} has a screw joint", allowed="joints of native kinematics")
     motion = {"joints": robot.tree_joints, "frames": robot.placed_frames, "bodies": robot.bodies}
     return {"motion": {**motion, "twists": robot.joint_twists}, "feet": frames, "nv": robot.nv}
-
-
-def _numbers(given: Vec) -> Vec:
-    return np.ascontiguousarray(given, dtype=np.float64)

@@ -8,9 +8,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.reference import numbers
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
+from hqp.kinds import require, require_robot
 from hqp.numbers import number
+
+COUPLED = "a mapping from passive joints to pairs of one of the joints and a ratio"
 
 
 class MomentumObserver:
@@ -42,6 +46,7 @@ class MomentumObserver:
     ) -> None:
         period = number("observer", "period", period, 0.0, strict=True, unit="s")
         bandwidth = number("observer", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
+        require_robot("observer", robot)
         robot.frame(frame)
         columns = robot.joints(joints)
         if columns.size < 3:
@@ -53,10 +58,13 @@ class MomentumObserver:
         self._actuation = robot.actuation
         self._rows: Mat = np.zeros((columns.size, robot.nv))
         self._rows[range(columns.size), columns] = 1.0
-        for passive, (driver, ratio) in (coupled or {}).items():
-            (row,) = np.flatnonzero(columns == robot.joints((driver,))[0])
-            self._rows[row, robot.joints((passive,))[0]] = ratio
-        self._damping = np.zeros(robot.nv) if damping is None else np.array(damping, dtype=np.float64)
+        require("observer", "coupled", coupled, (Mapping, type(None)), COUPLED)
+        for passive, pair in (coupled or {}).items():
+            require("observer", "coupled", pair, Sequence, COUPLED)
+            if len(pair) != 2 or not (row := np.flatnonzero(columns == robot.joints((pair[0],))[0])).size:
+                raise DeclarationError("observer", "bad coupled", value=coupled, allowed=COUPLED)
+            self._rows[row[0], robot.joints((passive,))[0]] = number("observer", "ratio", pair[1])
+        self._damping = np.zeros(robot.nv) if damping is None else numbers("observer", "damping", damping, (robot.nv,))
         self.residual: Vec = np.zeros(robot.nv)
         """r ``(nv,)`` [N, N m]; for joints between the ground and the limb it holds contact forces too."""
         self._before: tuple[Mat, Vec, Vec] | None = None
@@ -75,6 +83,9 @@ class MomentumObserver:
         next update.  A state or torque that is not finite leaves the estimate as it is, and starts the differences
         anew.
         """
+        torque = numbers("observer", "torque", torque, (len(self._actuation),))
+        if not hasattr(state, "finite"):
+            raise DeclarationError("observer", "not a State", value=state, allowed="robot.state(q, v)")
         if not state.finite or not np.isfinite(torque).all():
             self._before = None
             return self.force(state)
@@ -84,7 +95,7 @@ class MomentumObserver:
             acting = 0.5 * ((A + last_A) @ ((state.v - v) / self._period)) + bias + self._damping * state.v
             acting -= self._actuation.T @ sent
             self.residual = self.residual + self._share * (acting - self.residual)
-        self._before = A, state.v.copy(), np.array(torque, dtype=np.float64)
+        self._before = A, state.v.copy(), torque
         return self.force(state)
 
     @property

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.declare.reference import numbers
 from hqp.declare.robot import Robot
+from hqp.kinds import require_robot
 from hqp.numbers import number
 
 NOISE = 0.12
@@ -33,11 +35,13 @@ class RateObserver:
     """
 
     def __init__(self, robot: Robot, period: float, *, bandwidth: float = 100.0, most: float = NOISE) -> None:
+        require_robot("observer", robot)
         period = number("observer", "period", period, 0.0, strict=True, unit="s")
         bandwidth = number("observer", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
         most = number("observer", "most", most, 0.0, strict=True, unit="rad/s", infinite=True)
         from hqp import _session  # a package without compiled parts imports this room
 
+        self._nv: int = robot.nv
         columns = [int(column) for column in robot.actuated]
         self._native = _session.RateObserver(columns, robot.nv, math.exp(-bandwidth * period), most)
 
@@ -55,11 +59,11 @@ class RateObserver:
 
     def expect(self, v: Vec) -> None:
         """Predict the next rates ``(nv,)``, as ``update`` does by a tick."""
-        self._native.expect(np.ascontiguousarray(v))
+        self._native.expect(numbers("observer", "v", v, (self._nv,)))
 
     def correct(self, v: Vec) -> Vec:
         """The estimate ``(nv,)`` from measured rates and those predicted, measured ones if none are."""
-        found = np.array(v, dtype=np.float64)
+        found = numbers("observer", "v", v, (self._nv,))
         if np.isfinite(found).all():
             self._native.update(found)
         return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -18,6 +17,7 @@ from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.export.loaded import ACCELERATION, VALUE, VELOCITY
+from hqp.kinds import file_path
 from hqp.numbers import whole
 from hqp.problem import Status
 
@@ -60,9 +60,13 @@ def chosen_worlds(what: str, worlds: ArrayLike | None, count: int) -> list[int]:
     chosen = np.arange(count)
     if worlds is not None:
         try:
-            chosen = np.atleast_1d(chosen[np.asarray(dlpack.numbers(worlds))])
-        except IndexError:
-            raise DeclarationError(what, "worlds", value=worlds, allowed=f"0 to {count - 1}") from None
+            picked = np.asarray(dlpack.numbers(worlds))
+            if picked.ndim > 1 or (picked.dtype == np.bool_ and picked.shape != (count,)):
+                raise IndexError
+            chosen = np.atleast_1d(chosen[picked])
+        except (IndexError, TypeError, ValueError):
+            allowed = f"0 to {count - 1}, or {count} flags"
+            raise DeclarationError(what, "worlds", value=worlds, allowed=allowed) from None
     found: list[int] = chosen.tolist()
     return found
 
@@ -95,7 +99,7 @@ class Batch:
     def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Batch:
         """Load worlds from a plan's file, without the robot's model; key and errors: see ``hqp.load``."""
         found = object.__new__(cls)
-        found._make(Path(path).read_bytes(), count, threads, key)
+        found._make(file_path("Batch", path).read_bytes(), count, threads, key)
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None = None) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 import hqp
 from hqp.errors import DeclarationError, HqpError
+from hqp.kinds import file_path
 from hqp.loop.document import Exported, document
 
 if TYPE_CHECKING:
@@ -186,7 +187,7 @@ def text(
 def key_bytes(key: bytes | None) -> bytes:
     """The key of a site, empty for None; raises DeclarationError for anything but some bytes."""
     if key is not None and (not isinstance(key, bytes) or not key):
-        kind = "empty" if key == b"" else type(key).__name__
+        kind = "empty" if isinstance(key, bytes) else type(key).__name__
         raise DeclarationError("plan", "bad key", value=kind, allowed="bytes, at least one, or None")
     return key or b""
 
@@ -200,7 +201,7 @@ def write(
     more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the file of a session, all of it or nothing."""
-    target = Path(path)
+    target = file_path("plan", path)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
     beside.write_bytes(text(session, sequence, key, stacks, more))
     os.replace(beside, target)

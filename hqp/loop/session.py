@@ -32,6 +32,7 @@ from hqp.loop.presence import Presence
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick, Times
 from hqp.loop.transition import change
+from hqp.numbers import number
 from hqp.problem import Hierarchy, Status
 from hqp.programs.envelope import require_compiled
 from hqp.programs.formulation import Formulation, Program
@@ -159,8 +160,13 @@ class Session:
         Data never raises: status and notes report its faults.  now [s]: the time of this tick, that of
         ``time.monotonic`` for None.  phase: name of the tick's phase; it selects levels and elements with a ``when``.
         Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of another robot) or DeclarationError
-        (a reference of another shape, a phase that is not there), which are errors of the program.
+        (a reference of another shape, a phase that is not there, a time that is no number), which are errors of the
+        program.
         """
+        try:
+            now = now if now is None else float(now)
+        except (TypeError, ValueError, OverflowError):
+            raise DeclarationError("step", "bad now", value=now, unit="s", allowed="a number or None") from None
         return self._stepped(state, references, now, phase)
 
     def begin(self, *, command: ArrayLike, state: State | None = None) -> None:
@@ -290,8 +296,11 @@ class Session:
         return found
 
     def weigh(self, heavier: float) -> None:
-        """Multiply the masses of the robot's links by this from the next tick on, at torque level; loads stay."""
-        self.line.native.weigh(heavier)
+        """Multiply the masses of the robot's links by this from the next tick on, at torque level; loads stay.
+
+        Raises DeclarationError for a number that is not positive.
+        """
+        self.line.native.weigh(number("session", "heavier", heavier, 0.0, strict=True))
 
     def record(
         self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp.declare.reference import numbers
 from hqp.errors import DeclarationError
 from hqp.numbers import number
 
@@ -26,11 +27,10 @@ def largest_push(corners: ArrayLike, start: ArrayLike, direction: ArrayLike, sec
 
     seconds = number("push", "seconds", seconds, 0.0, strict=True, unit="s")
     omega = number("push", "omega", omega, 0.0, strict=True, unit="1/s")
-    support, x, u = (np.asarray(given, dtype=np.float64) for given in (corners, start, direction))
-    if support.ndim != 2 or support.shape[1] != 2 or x.shape != (2,) or u.shape != (2,) or not np.any(u):
-        raise DeclarationError(
-            "push", "bad shapes", value=(support.shape, x.shape, u.shape), allowed="(m, 2), (2,), (2,)"
-        )
+    support = numbers("push", "corners", corners, (*np.shape(corners)[:1], 2))
+    x, u = numbers("push", "start", start, (2,)), numbers("push", "direction", direction, (2,))
+    if not np.isfinite([*support, x, u]).all() or not np.any(u) or len(support) < 3:
+        raise DeclarationError("push", "bad corners, start or direction", allowed="three or more corners, a direction")
     m, e = len(support), math.exp(omega * seconds)
     pushed = (e - 1.0) / (omega**2 * seconds) * u / np.linalg.norm(u)
     A = np.zeros((4, 1 + 2 * m))  # j, then the weights of the corners in p and in xi

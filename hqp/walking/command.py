@@ -49,6 +49,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from hqp.walking.walker import Walker
 
     number("walk", "seconds", arguments.seconds, 0.0, strict=True, unit="s")
+    number("walk", "fps", arguments.fps, 0.0, strict=True, unit="1/s")
     robot, soles = _biped(arguments)
     walker = Walker(robot, soles=soles)
     wanted = arguments.forward, arguments.left, arguments.turn

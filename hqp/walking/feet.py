@@ -12,6 +12,7 @@ import numpy as np
 from hqp.angles import wrapped
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.estimation.rotations import yaw_of
+from hqp.kinds import names
 from hqp.tasks.polygons import rectangle_in, shrunk
 from hqp.walking.ankle import supporting
 from hqp.walking.footsteps import LEFT, Foothold, rotation
@@ -93,10 +94,11 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
     """
     from hqp.robots.soles import faces, sole, sole_points, standing_axes
 
-    frames = tuple(robot.landmarks.get("soles", ()) if soles is None else soles)
+    allowed = "a free base and the frames of two soles"
+    frames = names("walker", "soles", robot.landmarks.get("soles", ()) if soles is None else soles, allowed)
     if len(frames) != 2 or not robot.floating:
         given = frames if robot.floating else "a fixed base"
-        raise DeclarationError("walker", "no biped", value=given, allowed="a free base and the frames of two soles")
+        raise DeclarationError("walker", "no biped", value=given, allowed=allowed)
     feet, home = [], robot.copy().state(robot.home)
     legs, joints = _legs(robot, frames), [robot.body(robot.frame(frame)) for frame in frames]
     axes = standing_axes(robot, *joints)

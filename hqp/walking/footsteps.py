@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -11,10 +11,13 @@ import numpy as np
 from hqp import _session
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
-from hqp.numbers import number, set_numbers
-from hqp.walking.gait import Reach
+from hqp.kinds import require
+from hqp.numbers import number, plain, set_numbers
+from hqp.walking.gait import REACH, Reach
 
 LEFT, RIGHT = 0, 1
+
+COMMAND, FOOTHOLD = "Command(forward, left, turn)", "Foothold(LEFT, x, y, z, yaw)"
 
 
 @dataclass(frozen=True)
@@ -69,29 +72,37 @@ class Footsteps:
 
     def __post_init__(self) -> None:
         set_numbers(self, "footsteps", ("period", "width"), 0.0, strict=True)
+        require("footsteps", "reach", self.reach, Reach, REACH)
         if not self.reach.least <= self.width <= self.reach.most:
             allowed = f"{self.reach.least:g} to {self.reach.most:g}, which the reach allows"
             raise DeclarationError("footsteps", "bad width", value=self.width, unit="m", allowed=allowed)
 
     def next(self, stance: Foothold, command: Command) -> Foothold:
         """Next foothold, at the height of the stance foot."""
+        require("footsteps", "stance", stance, Foothold, FOOTHOLD)
+        require("footsteps", "command", command, Command, COMMAND)
         found = _session.next_foothold(self.period, self.width, astuple(self.reach), astuple(stance), astuple(command))
         return Foothold(*found)
 
     def within(self, foothold: Foothold, stance: Foothold) -> Foothold:
         """The foothold, or the nearest one within reach of the stance foot."""
+        for field, one in (("foothold", foothold), ("stance", stance)):
+            require("footsteps", field, one, Foothold, FOOTHOLD)
         return Foothold(*_session.within_reach(astuple(self.reach), astuple(foothold), astuple(stance)))
 
 
 def routed(footholds: Sequence[Foothold]) -> list[tuple[int, float, float, float, float]]:
     """Numbers of footholds that are LEFT and RIGHT in turn, and finite; raises DeclarationError for others."""
-    found = []
-    for k, one in enumerate(footholds):
-        if one.side not in (LEFT, RIGHT) or (k and one.side == footholds[k - 1].side):
-            sides = [each.side for each in footholds]
+    found: list[tuple[int, float, float, float, float]] = []
+    require("follow", "footholds", footholds, Iterable, f"a sequence of {FOOTHOLD}")
+    for one in footholds:
+        require("follow", "foothold", one, Foothold, FOOTHOLD)
+        side = plain(one.side)
+        if side not in (LEFT, RIGHT) or (found and side == found[-1][0]):
+            sides = [*(each[0] for each in found), one.side]
             raise DeclarationError("follow", "bad side", value=sides, allowed="LEFT (0) and RIGHT (1) in turn")
         x, y, z, yaw = (number("follow", field, getattr(one, field)) for field in ("x", "y", "z", "yaw"))
-        found.append((one.side, x, y, z, yaw))
+        found.append((int(side), x, y, z, yaw))
     return found
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from hqp.errors import DeclarationError
-from hqp.numbers import set_numbers
+from hqp.numbers import number, set_numbers
+
+GAIT, REACH = "Gait(...)", "Reach(forward=..., least=..., most=...)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +42,7 @@ class Gait:
 
     def quicker(self, share: float) -> Gait:
         """The gait with that share of the time of its steps."""
+        share = number("gait", "share", share, 0.0, strict=True)
         return replace(self, single=share * self.single, double=share * self.double)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,9 +11,11 @@ import numpy as np
 
 from hqp import _session
 from hqp.arrays import Vec
+from hqp.declare.reference import numbers
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError
-from hqp.numbers import number
+from hqp.kinds import require
+from hqp.numbers import number, set_numbers
 
 GRAVITY = 9.81
 """Gravity of the Earth [m/s^2]."""
@@ -33,11 +35,19 @@ def capture_point(state: State, omega: float) -> Vec:
 
 @dataclass(frozen=True)
 class Piece:
-    """The ZMP moves in a line from ``start`` to ``end`` ``(2,)`` [m] in ``duration`` [s]."""
+    """The ZMP moves in a line from ``start`` to ``end`` ``(2,)`` [m] in ``duration`` [s].  Raises DeclarationError."""
 
     duration: float
     start: Vec
     end: Vec
+
+    def __post_init__(self) -> None:
+        set_numbers(self, "piece", ("duration",), 0.0)
+        for field in ("start", "end"):
+            place = numbers("piece", field, getattr(self, field), (2,))
+            if not np.isfinite(place).all():
+                raise DeclarationError("piece", f"bad {field}", value=place, unit="m", allowed="finite numbers")
+            object.__setattr__(self, field, place)
 
 
 class DcmPlan:
@@ -53,11 +63,15 @@ class DcmPlan:
 
     def __init__(self, pieces: Sequence[Piece], omega: float) -> None:
         omega = number("DCM plan", "omega", omega, 0.0, strict=True, unit="1/s")
+        require("DCM plan", "pieces", pieces, Iterable, "a sequence of Piece(duration, start, end)")
+        pieces = list(pieces)
+        for piece in pieces:
+            require("DCM plan", "piece", piece, Piece, "Piece(duration, start, end)")
         kept = [p for p in pieces if p.duration > 0.0]
         if not kept:
             raise DeclarationError("DCM plan", "all pieces have zero duration", value=len(pieces))
         for one, other in pairwise(kept):
-            if np.abs(np.asarray(one.end) - other.start).max() > 1e-9:
+            if np.abs(one.end - other.start).max() > 1e-9:
                 raise DeclarationError("DCM plan", "pieces are not continuous", value=(one.end, other.start), unit="m")
         self.omega = omega
         self._plan = _session.DcmPlan([(p.duration, tuple(p.start), tuple(p.end)) for p in kept], omega)
@@ -69,5 +83,5 @@ class DcmPlan:
 
     def at(self, time: float) -> tuple[Vec, Vec]:
         """ZMP and DCM ``(2,)`` each [m]; before the start those of the start, after the end those of the end."""
-        zmp, dcm = self._plan.at(time)
+        zmp, dcm = self._plan.at(number("DCM plan", "time", time, unit="s"))
         return np.array(zmp), np.array(dcm)

@@ -11,6 +11,7 @@ from hqp.arrays import Vec
 from hqp.declare.law import DCM, PD
 from hqp.declare.price import Price
 from hqp.declare.stack import Level, Stack
+from hqp.kinds import require
 from hqp.tasks import (
     Balance,
     CenterOfPressure,
@@ -44,7 +45,7 @@ _HEIGHT, _SWING, _TRUNK, _POSTURE = PD(400.0, 40.0), PD(300.0, 35.0), PD(100.0, 
 
 @dataclass(frozen=True, kw_only=True)
 class Laws:
-    """Gains of a walk: PD(kp [1/s^2], kd [1/s]) each, and k [1/s] of the balance."""
+    """Gains of a walk: PD(kp [1/s^2], kd [1/s]) each, and k [1/s] of the balance.  Raises DeclarationError."""
 
     balance: DCM = _BALANCE
     height: PD = _HEIGHT
@@ -52,6 +53,11 @@ class Laws:
     trunk: PD = _TRUNK
     posture: PD = _POSTURE
     contact: PD = _CONTACT
+
+    def __post_init__(self) -> None:
+        for name, law in vars(self).items():
+            kind, allowed = (DCM, "DCM(k)") if name == "balance" else (PD, "PD(kp, kd)")
+            require("laws", name, law, kind, allowed)
 
 
 class Stacks:

@@ -8,6 +8,7 @@ import numpy as np
 
 from hqp import _session
 from hqp.arrays import Vec
+from hqp.declare.reference import numbers
 from hqp.errors import DeclarationError
 from hqp.numbers import number
 
@@ -58,7 +59,7 @@ class Swing:
 
     @duration.setter
     def duration(self, seconds: float) -> None:
-        self._path.duration = seconds
+        self._path.duration = number("swing", "duration", seconds, 0.0, strict=True, unit="s")
 
     @property
     def time(self) -> float:
@@ -72,23 +73,28 @@ class Swing:
 
     def retarget(self, goal: Vec, fastest: float, dt: float) -> None:
         """Move the goal ``(4,)`` towards another one, over ground, up and in yaw by at most ``fastest`` dt each."""
-        self._path.retarget(tuple(_four("goal", goal).tolist()), fastest, dt)
+        fastest = number("swing", "fastest", fastest, 0.0, unit="m/s")
+        self._path.retarget(tuple(_four("goal", goal).tolist()), fastest, _period(dt))
 
     def clear(self, z: float) -> bool:
         """Rise again, to the swing's height above z [m] or as high as time allows: the foot has scuffed there.
 
         Returns false, and changes nothing, if the time does not suffice.
         """
-        return self._path.clear(z)
+        return self._path.clear(number("swing", "z", z, unit="m"))
 
     def step(self, dt: float) -> tuple[Vec, Vec, Vec]:
         """One tick on: (x, y, z, yaw), its velocity and acceleration, ``(4,)`` each."""
-        self._path.step(dt)
+        self._path.step(_period(dt))
         return np.array(self._path.x), np.array(self._path.v), np.array(self._path.a)
 
 
+def _period(dt: float) -> float:
+    return number("swing", "dt", dt, 0.0, strict=True, unit="s")
+
+
 def _four(what: str, given: Vec) -> Vec:
-    found = np.array(given, dtype=np.float64)
-    if found.shape != (4,) or not all(map(math.isfinite, found.tolist())):
+    found = numbers("swing", what, given, (4,), "(x, y, z, yaw)")
+    if not all(map(math.isfinite, found.tolist())):
         raise DeclarationError("swing", f"bad {what}", value=given, allowed="(x, y, z, yaw), finite")
     return found

@@ -15,12 +15,13 @@ from hqp.angles import wrapped
 from hqp.arrays import Vec
 from hqp.declare.law import PD
 from hqp.declare.price import Priced
-from hqp.declare.reference import Reference
+from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import State
 from hqp.declare.safety import Braking
 from hqp.errors import DeclarationError
 from hqp.estimation.feet import feet_tree
 from hqp.estimation.rotations import about_vertical
+from hqp.kinds import require, require_robot
 from hqp.loop.controller import Controller
 from hqp.loop.file import write
 from hqp.loop.tick import Tick
@@ -30,7 +31,7 @@ from hqp.torque.joint_friction import JointFriction
 from hqp.torque.program import Torque
 from hqp.walking.feet import feet_of
 from hqp.walking.footsteps import Command, Foothold, Footsteps, routed
-from hqp.walking.gait import Gait, Reach
+from hqp.walking.gait import GAIT, REACH, Gait, Reach
 from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.preview import QUICK, Ability
@@ -60,6 +61,9 @@ at 100 noise of 0.02 rad/s shows in them."""
 LIMITS = JointLimits(acceleration=60.0, braking=60.0, noise=0.06)
 """Limits above the legs: at 1000 rad/s^2 waist and arms are thrown about if a sole bounds the balance; without noise
 the torque of a finger at its stop reverses 25 times a second."""
+
+
+LOADS = "one for each foot; a Plant measures them with watched=[foot.frame for foot in walker.feet]"
 
 
 class Walker:
@@ -94,8 +98,16 @@ class Walker:
         deadline: float | None = None,
         max_age: float | None = None,
     ) -> None:
-        if bandwidth != math.inf:
-            bandwidth = number("walker", "bandwidth", bandwidth, 0.0, strict=True, unit="1/s")
+        require_robot("walker", robot)
+        for field, given, kind, allowed in (
+            ("gait", gait, Gait, GAIT),
+            ("reach", reach, Reach, REACH),
+            ("laws", laws, Laws, "Laws(...)"),
+            ("limits", limits, JointLimits, "JointLimits(...)"),
+        ):
+            require("walker", field, given, (kind, type(None)), f"{allowed} or None")
+        bandwidth = number("walker", "bandwidth", bandwidth, 0.0, strict=True, infinite=True, unit="1/s")
+        dt = number("walker", "dt", dt, 0.0, strict=True, unit="s")
         self.robot, self.gait, self.dt = robot, gait or Gait(), dt
         self._declared: dict[str, Any] = {"gait": gait, "dt": dt, "reach": reach, "laws": laws, "soles": soles}
         self._declared |= {"friction": friction, "limits": limits, "price": price}
@@ -320,13 +332,13 @@ class Walker:
         """
         if self.session.stopping and self._native.stands and self._state.started:
             self.session.stop(self.session.stopping, at_once=True)
-        felt = None if loads is None else np.ascontiguousarray(loads, dtype=np.float64)
-        if felt is not None and felt.shape != (2,):
-            allowed = "one for each foot; a Plant measures them with watched=[foot.frame for foot in walker.feet]"
-            raise DeclarationError("walker", "loads", value=felt.tolist(), unit="N", allowed=allowed)
+        felt = None if loads is None else numbers("walker", "loads", loads, (2,), LOADS)
         rates = np.empty(self.robot.nv)
-        self._native.observe(state.v, rates)
-        state = self.robot.state(state.q, rates, time=state.time)
+        try:
+            self._native.observe(state.v, rates)
+            state = self.robot.state(state.q, rates, time=state.time)
+        except AttributeError:
+            raise DeclarationError("step", "not a State", value=state, allowed="robot.state(q, v)") from None
         self._native.step(state.q, state.v, felt)
         self.session.weigh(self.heavier)
         tick = self.session.step(state, *self._references(), now=now, phase=self.support)
@@ -360,6 +372,9 @@ class Walker:
         delay: from the state of the tick to where they begin to act [s], s = delay + dt / 2.  Raises as
         ``Tick.advance``.
         """
+        require("positions", "tick", tick, Tick, "a tick of walker.step")
+        kp = numbers("positions", "kp", kp, tick.command.shape)
+        delay = number("positions", "delay", delay, 0.0, unit="s")
         _, v = tick.advance()
         state, motors, s = tick.state, self.robot.actuated, delay + 0.5 * self.dt
         change = s / self.dt * (v - state.v)[motors]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from hqp import _session
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.export.batch import BatchTick, chosen_worlds
+from hqp.kinds import file_path, require
 from hqp.loop.file import key_bytes, text
 from hqp.numbers import whole
 from hqp.walking.footsteps import Command, Foothold, routed
@@ -29,13 +29,14 @@ class Walkers:
     """
 
     def __init__(self, walker: Walker, count: int, *, threads: int = 0) -> None:
+        require("Walkers", "walker", walker, Walker, "a Walker")
         self._make(text(walker.session, more={"walker": walker.tree(walker.robot.copy())}), count, threads, None)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Walkers:
         """Load walkers from the file of ``Walker.export``, without the robot's model; key: see ``hqp.load``."""
         found = object.__new__(cls)
-        found._make(Path(path).read_bytes(), count, threads, key)
+        found._make(file_path("Walkers", path).read_bytes(), count, threads, key)
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None) -> None:
@@ -61,7 +62,7 @@ class Walkers:
         except ValueError:
             shapes = tuple(map(np.shape, (forward, left, turn)))
             raise DeclarationError("go", "velocities", value=shapes, allowed=f"numbers or ({len(chosen)},)") from None
-        commands = [Command(*map(float, velocity)) for velocity in zip(*each, strict=True)]
+        commands = [Command(*velocity) for velocity in zip(*each, strict=True)]
         for world, command in zip(chosen, commands, strict=True):
             self._native.go(world, command.forward, command.left, command.turn)
 
@@ -100,15 +101,15 @@ class Walkers:
         See ``Walker.step``.  Data never raises: a world's fault is its own status.  Raises DeclarationError for a
         shape.
         """
-        at, speed = (np.ascontiguousarray(given, dtype=np.float64) for given in (Q, V))
-        felt = None if loads is None else np.ascontiguousarray(loads, dtype=np.float64)
         commands, x, residuals = (np.empty((self.count, size)) for size in self._native.sizes)
         status = np.empty(self.count, dtype=np.int32)
         try:
+            at, speed = (np.ascontiguousarray(given, dtype=np.float64) for given in (Q, V))
+            felt = None if loads is None else np.ascontiguousarray(loads, dtype=np.float64)
             self._native.step(at, speed, felt, commands, status, residuals, x)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             n, (nq, nv) = self.count, self._native.state
-            shapes = at.shape, speed.shape, None if felt is None else felt.shape
+            shapes = tuple(getattr(given, "shape", type(given).__name__) for given in (Q, V, loads))
             allowed = f"Q ({n}, {nq}), V ({n}, {nv}), loads ({n}, 2) or None"
             raise DeclarationError("Walkers", "wrong shape", value=shapes, allowed=allowed) from None
         return BatchTick(commands, x, residuals, status)
@@ -135,8 +136,7 @@ class Walkers:
 
     def why(self, world: int) -> tuple[str, ...]:
         """Reasons for each difference of a world's command from its latest ``go`` or ``follow``."""
-        (chosen,) = self._chosen(world)
-        return tuple(self._native.why(chosen))
+        return tuple(self._native.why(whole("Walkers", "world", world, 0, self.count - 1)))
 
     def _chosen(self, worlds: Any) -> list[int]:
         return chosen_worlds("Walkers", worlds, self.count)

@@ -25,7 +25,7 @@ BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadp
 
 FLOORS = (
     {"errors", "markdown", "progress", "tolerances", "user_cache"},
-    {"numbers"},
+    {"kinds", "numbers"},
     {"arrays", "collision_library", "native", "sweep", "web"},
     {"angles", "dlpack", "floating_base", "problem", "shapes"},
     {"solvers", "state_map"},
