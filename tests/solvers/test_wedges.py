@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import compress, product
 
 import numpy as np
 import pytest
@@ -34,23 +34,27 @@ def _root(problem: Hierarchy) -> Mat:
 
 
 def count(seeds: range) -> int:
-    """Number of certain answers, each of which is right along the directions that levels see."""
+    """Number of certain answers in a loop; there and elsewhere each is right along the directions that levels see."""
     solver, certain = hqp.solvers.load("lexicographic"), 0
     for seed, priced in product(seeds, (False, True)):
         problem, Z = wedge(seed, priced, LEAST)
-        found = solved_in_a_loop(solver, problem)
-        if not found.status.solved or is_unsure(found):
+        found = solved_in_a_loop(solver, problem), solver.solve(problem)
+        sure = [one.status.solved and not is_unsure(one) for one in found]
+        if not any(sure):
             continue
-        certain += 1
+        certain += sure[0]
         right = best(problem)
         assert right is not None
-        off = (np.eye(N) - Z @ Z.T) @ (found.x - right)
-        assert np.abs(off).max() < 1e-6 * (1.0 + np.abs(right).max()), (seed, priced)
+        for one in compress(found, sure):
+            off = (np.eye(N) - Z @ Z.T) @ (one.x - right)
+            assert np.abs(off).max() < 1e-6 * (1.0 + np.abs(right).max()), (seed, priced)
     return certain
 
 
 def test_certain_answers_in_wedges_are_right() -> None:
-    """Rows that an answer misses by 1e-13 to 1e-8 of their size took it up to 1.8 of x aside."""
+    """Rows that an answer misses by 1e-13 to 1e-8 of their size took it up to 1.8 of x aside.
+
+    The certificate does not see this: without a deadline one priced answer in nine was certain for it, and wrong."""
     assert count(range(24)) > 25
 
 

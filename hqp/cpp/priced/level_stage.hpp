@@ -38,7 +38,7 @@ class LevelStage {
   void begin() {
     iterations_ = 0;
     ended_ = true;
-    uncertain_ = inexact_ = false;
+    uncertain_ = inexact_ = undecided_ = false;
     left_ = nullptr;
     for (StageEnd& end : ends_) end.known = false;
   }
@@ -67,8 +67,9 @@ class LevelStage {
     }
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain() || at.uncertain();
-    inexact_ =
-        inexact_ || rounds > kEnough || search_.unclear() || (reached && search_.strays(warm_[k], above_.open(), y));
+    inexact_ = inexact_ || (reached && search_.strays());
+    undecided_ =
+        undecided_ || rounds > kEnough || search_.unclear() || (reached && search_.misses(warm_[k], above_.open(), y));
     note(k, reached);
     at.point(y, x.data());
     if (reached) end_at_[k].clear();
@@ -82,6 +83,7 @@ class LevelStage {
   bool ended() const { return ended_; }          // each reached its optimum
   bool uncertain() const { return uncertain_; }  // one met uncertain directions
   bool inexact() const { return inexact_; }      // one may have ended off its optimum by more than rounding
+  bool undecided() const { return undecided_; }  // its optimum moves with a reading, or where missed rows are met
   const std::vector<StageEnd>& ends() const { return ends_; }
   // Coordinates of the latest stage if it left a choice, else null.
   const Coordinates* left() const { return left_; }
@@ -119,7 +121,7 @@ class LevelStage {
   }
 
   int n_, iterations_ = 0;
-  bool ended_ = true, uncertain_ = false, inexact_ = false;
+  bool ended_ = true, uncertain_ = false, inexact_ = false, undecided_ = false;
   PricedRows& levels_;
   const HandDown& above_;
   Motions& motions_;

@@ -40,7 +40,7 @@ class StageLevels final : public PricedStages {
   int iterations() const override { return stage_.iterations() + completed_; }
   bool ended() const override { return stage_.ended(); }
   bool uncertain() const override { return stage_.uncertain(); }
-  bool undecided() const override { return far_; }
+  bool undecided() const override { return far_ || stage_.undecided(); }
   bool doubtful() const override { return undecided() || inexact_ || stage_.inexact(); }
   bool unpriced_met(const double* x) override {
     if (!levels_.measure()) return false;

@@ -102,11 +102,13 @@ class StageSearch {
   bool unclear() const { return unclear_; }
   // True if directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
-  // Return true if the end y of the latest solve violates a row or a sign by more than rounding, if nearly opposed
-  // multipliers are so large that their rounding does, or if it moves where rows that it misses are met.  working: the
-  // rows held, by number; open: slacks of rows whose values may be those of rows that are met.
-  bool strays(const std::vector<int>& working, const std::vector<double>& open, const double* y) {
-    if (off_ > accurate_) return true;
+  // Return true if a sign is violated by more than rounding at the end of the latest solve, or if nearly opposed
+  // multipliers are so large that their rounding does.
+  bool strays() const { return off_ > accurate_; }
+  // Return true if the end y violates a row by more than rounding, or moves where rows that it misses are met; no
+  // gradient tells.  working: the rows held, by number; open: slacks of rows whose values may be those of rows that are
+  // met.
+  bool misses(const std::vector<int>& working, const std::vector<double>& open, const double* y) {
     at_point(y);
     const double least = rows_->rounding() * size_;  // rows no longer than that have no direction of their own
     bool missing = false;
