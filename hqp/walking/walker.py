@@ -48,6 +48,10 @@ PLANNED = 0.8
 CLEAR = 0.02
 """Least gap between two soles side by side [m]."""
 
+LIFT = 0.1
+"""Largest clearance of a swing foot without a gait of the user's, as a share of the CoM's height: OP3, whose CoM is at
+0.23 m, fell with 50 mm, since its joints brake fast knees."""
+
 PHASES = "stand", "shift", "swing"
 
 STEEPEST = 0.5
@@ -72,13 +76,13 @@ class Walker:
     robot: a biped with a free base, that starts standing on both feet; with ``load(name, rotors=True)`` it knows the
     inertia that its motors have in a Plant, without which light feet are controlled badly; torques overcome friction
     of joints from its file (``robot.model.damping``, ``.friction``).  dt [s]: period of a tick.
-    gait, reach, laws: parameters of the walk; a reach for None follows from how it stands, a gait for None has quicker
-    steps if a joint bears too much on one foot.  soles: frames of the left
-    and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of joints, of all
-    but those of the legs if it names none, None for none.  bandwidth: noise of measured rates above it does not reach
-    the torques, inf for rates as measured [1/s].  price, deadline: arguments of Controller.  max_age: that of
-    ``Controller.session``.  Without a usable answer it goes on with the next one, ``Braking(resume="auto")``: a biped
-    that waits for a person falls.  Raises DeclarationError for a robot that is no biped, and the errors of
+    gait, reach, laws: parameters of the walk; a reach for None follows from how it stands, a gait for None lifts feet
+    by LIFT of the CoM's height at most, and has quicker steps if a joint bears too much on one foot.  soles: frames of
+    the left and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of
+    joints, of all but those of the legs if it names none, None for none.  bandwidth: noise of measured rates above it
+    does not reach the torques, inf for rates as measured [1/s].  price, deadline: arguments of Controller.  max_age:
+    that of ``Controller.session``.  Without a usable answer it goes on with the next one, ``Braking(resume="auto")``: a
+    biped that waits for a person falls.  Raises DeclarationError for a robot that is no biped, and the errors of
     ``Controller.session``.
     """
 
@@ -127,6 +131,8 @@ class Walker:
         self._first = one, other = self.feet[0].placed(home), self.feet[1].placed(home)
         self.height = float(home.com()[2]) - 0.5 * (one.z + other.z)
         """Height of the CoM above the ground [m]."""
+        if gait is None:
+            self.gait = replace(self.gait, height=min(self.gait.height, LIFT * self.height))
         self.omega = natural_frequency(self.height, -robot.gravity[2])
         self.weight = -float(robot.mass * robot.gravity[2])
         """[N]"""

@@ -12,7 +12,7 @@ import pytest
 import hqp
 from hqp.errors import DeclarationError, ModelError
 from hqp.robots.soles import UPRIGHT, feet, sole
-from hqp.walking import Walker
+from hqp.walking import Gait, Walker
 from tests.scenes.bipeds import biped
 
 
@@ -129,6 +129,33 @@ def test_a_biped_without_shapes_is_refused_by_name(tmp_path: Path) -> None:
     path.write_text(text[: text.index("<contact>")] + text[text.index("</contact>") + len("</contact>") :])
     with pytest.raises(ModelError, match=r"no moving link has collision shapes.*scene file"):
         loaded(path)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_feet_of_a_small_robot_rise_no_higher_than_its_size_allows(seed: int, tmp_path: Path) -> None:
+    size = float(np.random.default_rng(seed).uniform(0.3, 1.2))
+    robot, soles = loaded(biped(tmp_path, size=size, bend=0.5))
+    walker = Walker(robot, soles=soles)
+    walker.go()
+    walk = walker.plan(5.0)
+    heights = [robot.state(q).position(frame)[2] for q in walk.q for frame in soles]
+    assert max(heights) - min(heights) == pytest.approx(min(0.05, 0.1 * walker.height), abs=4e-3)
+    given = Walker(robot, Gait(height=0.04), soles=soles)
+    assert given.gait.height == 0.04
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("velocity", [(0.16, 0.0, 0.0), (-0.11, 0.0, 0.0), (0.0, 0.05, 0.0)])
+def test_a_small_robot_walks_ahead_back_and_aside(velocity: tuple[float, float, float], tmp_path: Path) -> None:
+    """0.23 m to its hips, joints that brake as much as OP3's: it falls each way if its feet rise by 50 mm."""
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    robot, soles = loaded(biped(tmp_path, size=0.3, bend=0.5, damping=2.0))
+    course = course_of(Walker(robot, soles=soles, deadline=math.inf))
+    while course.plant.time < 5.0 and not course.fallen:
+        if course.walker.time >= 1.0 and not course.walker.walking:
+            course.walker.go(*velocity)
+        course.step()
+    assert not course.fallen
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -310,6 +310,23 @@ def test_a_landing_that_moves_does_not_throw_the_foot(made: tuple[Swing, Any, An
     assert np.abs(found).max() < bound
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_foot_has_the_time_to_rise_to_a_goal_above_it(seed: int) -> None:
+    """Its landing moves as soon as it can, at any time: the foot below its goal needs the time of the way up."""
+    rng, dt = np.random.default_rng(seed), 0.002
+    goal = np.array([*rng.uniform(-0.3, 0.3, 2), rng.uniform(0.03, 0.08), 0.2])
+    swing = Swing(np.zeros(4), goal, float(rng.uniform(0.25, 1.0)), 0.05)
+    begins, rest, found = rng.uniform(0.0, 0.2) * swing.duration, 1.0, []
+    bound = max(abs(part.step(dt)[2][2]) for part in [copy.deepcopy(swing)] for _ in range(int(swing.duration / dt)))
+    for _ in range(int(2.0 * swing.duration / dt)):
+        if swing.time > begins and rest > 0.08:
+            soonest = swing.time + max(swing._path.soonest, 0.08)
+            swing.duration = max(soonest, swing.duration - 3.0 * dt)
+        rest = swing.left
+        found.append(swing.step(dt)[2][2])
+    assert np.abs(found).max() < max(5.0 * FALLS, 1.5 * bound)
+
+
 def test_a_goal_that_moves_bends_the_path_without_a_jump() -> None:
     swing = Swing(np.zeros(4), np.array([0.3, 0.0, 0.0, 0.0]), 0.6, 0.05)
     dt, x, v, a = 0.002, [], [], []

@@ -105,10 +105,10 @@ class Swing {
   }
 
  private:
-  // Time to the goal from a height, with a speed upwards [s].
+  // Time to the goal from a height, with a speed upwards [s]; a foot below it has yet to rise until it is due.
   double falling(double z, double speed) const {
-    const double up = std::max(speed, 0.0) / kFalls;
-    return up + std::sqrt(kQuintic / kFalls * std::max(z + 0.5 * kFalls * up * up - goal[2], 0.0));
+    const double up = std::max(speed, 0.0) / kFalls, far = z + 0.5 * kFalls * up * up - goal[2];
+    return up + std::sqrt(kQuintic / kFalls * (left() > kLead ? std::fabs(far) : std::max(far, 0.0)));
   }
   // z after dt: up to the top, down to the goal, and on; a path that changes has time for both.
   AxisState height(const AxisState& now, double to, double dt) {
