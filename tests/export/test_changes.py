@@ -21,6 +21,11 @@ from tests.scenes.stacks import FORMULATIONS
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 
 DT = 0.002
+HELD: tuple[tuple[Any, dict[str, str]], ...] = (
+    (t.Position, {"frame": "tool0"}),
+    (t.Orientation, {"frame": "tool0"}),
+    (t.Posture, {}),
+)
 
 
 class Pair:
@@ -229,3 +234,29 @@ def test_changes_leave_no_memory_behind() -> None:
                 assert file.step(q, v, goal).status.usable
         used.append(resident())
     assert used[2] - used[1] < 20, used
+
+
+@pytest.mark.parametrize("over", [0.0, 0.02])
+@pytest.mark.parametrize("rests", ["stop", "bad states"])
+def test_changes_at_rest_pass_on_no_hold_value_that_an_element_lacks(rests: str, over: float) -> None:
+    """A hand that has no goal yet stays where it is; it does not return to home."""
+    robot = hqp.robots.load("ur5")
+    hand, turn, posture = (kind(law=hqp.P(5.0), **frame) for kind, frame in HELD)
+    free = Stack(Level(hand), Level(posture), subject_to=[t.JointLimits()])
+    turned = Stack(Level(turn), Level(posture), subject_to=[t.JointLimits()])
+    pair = Pair(robot, {"": free, "turned": turned}, hqp.Velocity())
+    goal = hand.at(robot.state(robot.home).position("tool0") + [0.2, 0.2, -0.1])
+    for _ in range(100):
+        pair.step(goal)
+    if rests == "stop":
+        pair.run.stop(), pair.file.stop(), pair.batch.stop([0, 2])
+    for _ in range(3):
+        pair.change("turned", over)
+        for _ in range(20):
+            pair.step(bad=rests == "bad states")
+    pair.run.resume(), pair.file.resume(), pair.batch.resume([0, 2])
+    before = robot.state(pair.q).rotation("tool0").copy()
+    for _ in range(60):
+        pair.step()
+    moved = np.abs(robot.state(pair.q).rotation("tool0") - before).max()
+    assert moved < 0.1 * np.abs(before - robot.state(robot.home).rotation("tool0")).max()

@@ -183,13 +183,14 @@ class LiveSession {
     session_->inputs().references().keep_hold(std::size_t(member->slot), value.data());
   }
   // Hold values by name, flat, of elements whose references have numbers.
+  // Hold values by name, of elements that have one so far.
   nb::dict holds() const {
     nb::dict found;
     const hqp::Line& line = session_->line();
     for (const hqp::Member& member : line.members()) {
       if (member.slot < 0 || line.slots()[std::size_t(member.slot)].elsewhere) continue;
-      const std::vector<double>& hold = line.slots()[std::size_t(member.slot)].hold;
-      found[nb::str(member.name.c_str())] = nb::cast(hold);
+      if (const std::vector<double>* hold = session_->inputs().references().held(member.name))
+        found[nb::str(member.name.c_str())] = nb::cast(*hold);
     }
     return found;
   }
