@@ -22,8 +22,8 @@ pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 
 DT = 0.002
 HELD: tuple[tuple[Any, dict[str, str]], ...] = (
-    (t.Position, {"frame": "tool0"}),
-    (t.Orientation, {"frame": "tool0"}),
+    (t.Position, {"frame": "tool0", "name": "hand"}),
+    (t.Orientation, {"frame": "tool0", "name": "turn"}),
     (t.Posture, {}),
 )
 
@@ -260,3 +260,27 @@ def test_changes_at_rest_pass_on_no_hold_value_that_an_element_lacks(rests: str,
         pair.step()
     moved = np.abs(robot.state(pair.q).rotation("tool0") - before).max()
     assert moved < 0.1 * np.abs(before - robot.state(robot.home).rotation("tool0")).max()
+
+
+@pytest.mark.parametrize("level", FORMULATIONS)
+@pytest.mark.parametrize(("over", "when"), [(0.0, 2), (0.02, 2), (0.3, 2), (0.3, -5)])
+def test_a_robot_comes_to_rest_as_without_a_change(level: str, over: float, when: int) -> None:
+    """States are bad from tick 60 on; the stack changes that many ticks later, or before."""
+    robot = hqp.robots.load("ur5")
+    hand, turn, posture = (kind(**frame) for kind, frame in HELD)
+    stacks = {
+        name: Stack(Level(task), Level(posture), subject_to=[t.JointLimits()])
+        for name, task in (("", hand), ("turned", turn))
+    }
+    goal = hand.at(robot.state(robot.home).position("tool0") + [0.2, 0.2, -0.1])
+    commands = []
+    for changes in (True, False):
+        pair = Pair(robot, stacks, FORMULATIONS[level]())
+        commands.append([])
+        for i in range(140):
+            if changes and i == 60 + when:
+                pair.change("turned", over)
+            commands[-1].append(pair.step(goal, bad=i >= 60).command.copy())
+    changed, alone = (np.array(one[60:]) for one in commands)
+    assert np.abs(alone).max() > 0.1
+    np.testing.assert_allclose(changed, alone, atol=0.02 * np.abs(alone).max() if when < 0 else 1e-12)

@@ -23,12 +23,12 @@ class Guarded : public SessionState {
     return tick;
   }
 
-  // Come to rest if a blend of two sessions has no usable answer.  last: x of the tick before; held: ticks since then;
-  // fit: true if the latest state is valid.
-  const Tick& rest(const double* last, bool good, std::int64_t held, bool fit, Status why) {
+  // Come to rest if a blend of two sessions has no usable answer.  resting: that of the blend; last: x of the tick
+  // before; held: ticks since then; fit: true if the latest state is valid.
+  const Tick& rest(Rest& resting, const double* last, bool good, std::int64_t held, bool fit, Status why) {
     tick_.note_count_ = 0;
     tick_.status_ = why;
-    come_to_rest({last, good, tick_.count_}, fit, held, why, limiter_.get(), reporter());
+    come_to_rest(resting, {last, good, tick_.count_}, fit, held, why, limiter_.get(), reporter());
     tick_.held_ = held;
     return tick_;
   }
@@ -136,16 +136,16 @@ class Guarded : public SessionState {
     Halt& halt = standstill_.halt();
     halt.rested(++tick_.held_);
     if (const char* stopped = halt.why()) report(halt.note(stopped));
-    come_to_rest(before(), fit, tick_.held_, why.status, limiter(), reporter());
+    come_to_rest(standstill_.rest(), before(), fit, tick_.held_, why.status, limiter(), reporter());
     send(false);
     return tick_;
   }
 
   template <class Report>
-  void come_to_rest(const Before& before, bool fit, std::int64_t held, Status why, const RateLimiter* limiter,
-                    const Report& report) {
+  void come_to_rest(Rest& resting, const Before& before, bool fit, std::int64_t held, Status why,
+                    const RateLimiter* limiter, const Report& report) {
     const auto start = [&] { return fit || latest_.placed ? standstill_.from(!fit) : RestFrom{}; };
-    outgoing_.rest(standstill_.rest(), start, fit, held, why, before, limiter, tick_.x_.data(), report);
+    outgoing_.rest(resting, start, fit, held, why, before, limiter, tick_.x_.data(), report);
   }
   // Start a torque session without a known command from the torque that holds the robot up.
   void hold_up() {

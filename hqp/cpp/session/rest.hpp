@@ -27,6 +27,9 @@ class Rest {
   virtual void begin(const RestFrom& from, const double* x, bool now) = 0;
   virtual void next(double* x) = 0;
   virtual void keep(CarryOver& state) = 0;
+  virtual std::unique_ptr<Rest> copy() const = 0;
+  // Go on as another one of the kind.
+  virtual void follow(const Rest& other) = 0;
   std::size_t size() const { return size_; }
 
  protected:
@@ -43,12 +46,22 @@ class Rest {
   std::size_t size_;
 };
 
+template <class Own>
+class Copied : public Rest {
+ public:
+  std::unique_ptr<Rest> copy() const override { return std::make_unique<Own>(static_cast<const Own&>(*this)); }
+  void follow(const Rest& other) override { static_cast<Own&>(*this) = dynamic_cast<const Own&>(other); }
+
+ protected:
+  using Rest::Rest;
+};
+
 // Velocity level: x+ = x max(0, 1 - a dt / max_i |x_i|) over the joints, a common factor, so that J x = 0 of contacts
 // stays true; a joint whose estimated position would pass its limit stops there.
-class SlowDown final : public Rest {
+class SlowDown final : public Copied<SlowDown> {
  public:
   SlowDown(std::vector<double> low, std::vector<double> high, std::vector<int> joints, double deceleration, double dt)
-      : Rest(low.size()),
+      : Copied(low.size()),
         step_(deceleration * dt),
         dt_(dt),
         low_(std::move(low)),
@@ -94,10 +107,10 @@ class SlowDown final : public Rest {
 };
 
 // Acceleration level: qdd = -v min(1 / dt, a / max_i |v_i|), v estimated from the last good state on.
-class Brake final : public Rest {
+class Brake final : public Copied<Brake> {
  public:
   Brake(std::size_t nv, std::vector<int> joints, double deceleration, double dt)
-      : Rest(nv), most_(deceleration), dt_(dt), joints_(std::move(joints)), v_(nv) {}
+      : Copied(nv), most_(deceleration), dt_(dt), joints_(std::move(joints)), v_(nv) {}
 
   void begin(const RestFrom& from, const double* x, bool now) override {
     for (std::size_t i = 0; i < v_.size(); ++i) v_[i] = from.v ? from.v[i] + (now ? 0.0 : dt_) * x[i] : 0.0;
@@ -123,10 +136,10 @@ class Brake final : public Rest {
 // while contacts hold; T is long enough that it never overshoots within one period. q is that of the last good state;
 // tau_v as well, fading with T, for damping by an old velocity would push. If the dynamics fail, from the last
 // torque.
-class Hold final : public Rest {
+class Hold final : public Copied<Hold> {
  public:
   Hold(std::vector<double> limit, double damping, double dt)
-      : Rest(limit.size()),
+      : Copied(limit.size()),
         limit_(std::move(limit)),
         dt_(dt),
         time_(std::max(damping, 2.0 * dt)),

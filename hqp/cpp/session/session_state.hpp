@@ -116,7 +116,8 @@ class SessionState {
   // Continue from another session of the robot, after x was sent.
   void follow(const SessionState& other, const double* x) {
     latest_.follow(other.latest_, x), timing_.follow(other.timing_), following_.follow(other.following_);
-    tick_.count_ = other.tick_.count_, tick_.held_ = other.tick_.held_;
+    tick_.count_ = other.tick_.count_;
+    hold(other.tick_.held_, other.resting());
     if (jerk_ && other.jerk_) jerk_->follow(*other.jerk_);
     join(other);
     age_noted_ = other.age_noted_;
@@ -131,7 +132,11 @@ class SessionState {
     aside_ = false, inputs_.lasting(false), line_.ahead(nullptr);
     timing_.whole();
     std::copy(x, x + latest_.x.size(), latest_.x.begin());
-    tick_.held_ = 0;
+  }
+  // Go on coming to rest after so many ticks without a usable answer, as another session does.
+  void hold(std::int64_t held, const Rest& resting) {
+    tick_.held_ = held;
+    standstill_.rest().follow(resting);
   }
   // Finish every answer from now on, and accept states of any age.
   void without_deadline() {
@@ -145,6 +150,7 @@ class SessionState {
   const Timing& timing() const { return timing_; }
   const Latest& latest() const { return latest_; }
   Halt& halt() { return standstill_.halt(); }
+  const Rest& resting() const { return standstill_.rest(); }
   Outgoing& outgoing() { return outgoing_; }
   Line& line() { return line_; }
   const Line& line() const { return line_; }

@@ -29,6 +29,7 @@ class Standstill {
         angles_(latest.v.size()) {}
 
   Rest& rest() { return *rest_; }
+  const Rest& rest() const { return *rest_; }
   Halt& halt() { return *halt_; }
   // Share stops with another session; return false if they are shared already, so that other threads may read them.
   bool join(const Standstill& other) {

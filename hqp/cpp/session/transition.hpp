@@ -82,6 +82,7 @@ class Transition {
         ramp_(ticks, changes(stacks_), stacks_[0]->robot().picks),
         gradual_(stacks_[0]->robot().joint_names, inverse_of(ramp_.caps()), stacks_[0]->line().dt(), "transition"),
         x_(under_way ? under_way->x_ : stacks_[0]->latest().x),
+        rest_(under_way ? under_way->rest_->copy() : stacks_[0]->resting().copy()),
         good_(under_way ? under_way->good_ : stacks_[0]->latest().good),
         ordinary_(under_way ? under_way->ordinary_ : stacks_[0]->ordinary()),
         reached_(ordinary_ && !under_way),
@@ -112,6 +113,7 @@ class Transition {
     state.take(x_.data(), x_.size()), state.take(tick_.count_), state.take(held_), state.take(progress_);
     state.take(good_), state.take(ordinary_), state.take(reached_), state.take(chosen_), state.take(begun_);
     state.take(direct_), state.take(leaving_), state.take(sent_.stack);
+    if (held_ > 0) rest_->keep(state);
     if (state.writes()) return;
     order_.clear();
     for (std::size_t k = 0; k < stacks_.size(); ++k) order_.push_back(k);
@@ -184,6 +186,7 @@ class Transition {
   void pass_on(Guarded& other) const {
     if (&other != &latest()) other.follow(latest(), x_.data());
     other.alone(x_.data());
+    other.hold(held_, *rest_);
   }
 
   // Hold an element at the hold value of another stack, if that has one.
@@ -342,7 +345,7 @@ class Transition {
     stand(b.held() > 0 ? 1 : 0, worst);
     ordinary_ = false;
     const bool fit = !has(worst, Status::kInvalidState) && !has(worst, Status::kDynamicsFailed);
-    const Tick& rested = second.rest(x_.data(), good_, ++held_, fit, why);
+    const Tick& rested = second.rest(*rest_, x_.data(), good_, ++held_, fit, why);
     std::copy(rested.x().begin(), rested.x().end(), tick_.x_.begin());
     for (const Note& note : rested.notes()) sent_.limited.push_back(note);
     take_limited();
@@ -379,6 +382,7 @@ class Transition {
   Ramp ramp_;
   RateLimiter gradual_;
   std::vector<double> x_, force_;  // x_: sent last
+  std::unique_ptr<Rest> rest_;     // of the blend
   bool good_, ordinary_, reached_, chosen_, begun_ = false, direct_ = false,
                                             leaving_ = false;  // reached_: all tasks were within reach
                                                                // at first; leaving_: another transition has begun
