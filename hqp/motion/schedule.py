@@ -234,8 +234,11 @@ class _Foot:
         rest, ground = targets.contacts.resting[f"{side}_foot"], targets.contacts.ground[f"{side}_foot"]
         R = targets.axes[f"{side}_sole"] @ self._home.T
         self._shins = targets.places[f"{side}_knee"] - targets.places[f"{side}_sole"] - R @ self._leg.ankle
-        self._yaw = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+        over = R[:, 2, 2] < 0.0  # turned beyond the vertical
+        ahead = np.where(over, -1.0, 1.0)
+        self._yaw = np.unwrap(np.arctan2(ahead * R[:, 1, 0], ahead * R[:, 0, 0]))
         tilt = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
+        tilt = np.where(over, np.copysign(np.pi, tilt) - tilt, tilt)
         self._tilt = (1.0 - smooth(self.mask & ~self.toes, targets.fps, FLATTENS)) * tilt
         self._pivot = np.where(tilt[:, None] > 0.0, body.toes[side], body.heels[side])
         self._place = targets.places[f"{side}_sole"] - _rolled(R, self._yaw, self._pivot)

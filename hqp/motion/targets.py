@@ -31,6 +31,9 @@ FARTHEST = 1e4
 FLAT = 0.15
 """Tilt below which a resting foot is flat [rad]."""
 
+STEEP = 0.2
+"""Horizontal share of a foot's direction below which it has the yaw of the trunk."""
+
 Z = np.array([0.0, 0.0, 1.0])
 
 Edges = NDArray[np.int8]
@@ -184,8 +187,10 @@ def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: f
     mask, ground = found.resting[f"{side}_foot"], found.ground[f"{side}_foot"]
     way = toe - ankle
     tilt = -np.arctan2(way[:, 2], np.linalg.norm(way[:, :2], axis=1))
+    over = _over(unit(way), unit(joints[f"{side}_knee"] - ankle), mask)
+    tilt = np.where(over, np.pi - tilt, tilt)
     tilt -= np.median(tilt[mask]) if mask.any() else np.median(tilt)
-    yaw = _heading(way, _trunk(joints))
+    yaw = _heading(np.where(over[:, None], -way, way), _trunk(joints))
     weight = smooth(mask, fps)
     tilt = (1.0 - weight) * tilt + weight * np.sign(tilt) * np.maximum(np.abs(tilt) - FLAT, 0.0)
     place = ankle + np.einsum("tij,j->ti", turned(yaw, tilt), body.levers[side])
@@ -211,6 +216,19 @@ def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: f
     return place + shift, turned(yaw + turn, tilt), np.sign(tilt).astype(np.int8)
 
 
+def _over(way: Mat, shank: Mat, rests: Mask) -> Mask:
+    """Frames in which a foot in the air is turned beyond the vertical, its toe down: it points back, the sole up.
+
+    A foot that stays about the vertical meanwhile has no heading that turns round.
+    """
+    beyond, found = shank[:, 2] < np.sum(way * shank, axis=1) * way[:, 2], np.zeros(len(way), dtype=bool)
+    down = (np.hypot(way[:, 0], way[:, 1]) < STEEP) & (way[:, 2] < 0.0)
+    for first, last in runs(beyond & ~rests):
+        through = down[max(first - 1, 0)] and down[min(last, len(way) - 1)]
+        found[first:last] = through and not down[first:last].all()
+    return found
+
+
 def _lying(joints: dict[str, Mat], side: str, trunk: Mat, *, recorded: bool) -> Mat:
     """How the sole of a foot that never stands is turned from home ``(T, 3, 3)``: square to the shank at the median.
 
@@ -232,7 +250,7 @@ def _heading(way: Mat, trunk: Mat) -> Vec:
     """Yaw of a foot; a foot that points down or up has the yaw of the trunk."""
     flat = np.linalg.norm(way[:, :2], axis=1) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     forward = np.stack((trunk[:, 1, 1], -trunk[:, 0, 1]), axis=1)
-    weight = np.clip((flat - 0.2) / 0.3, 0.0, 1.0)[:, None]
+    weight = np.clip((flat - STEEP) / 0.3, 0.0, 1.0)[:, None]
     mixed = weight * unit(way[:, :2]) + (1.0 - weight) * unit(forward)
     return np.unwrap(np.arctan2(mixed[:, 1], mixed[:, 0]))
 

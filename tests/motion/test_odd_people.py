@@ -13,6 +13,7 @@ from hqp.errors import DeclarationError
 from hqp.motion import Motion, retarget
 from hqp.motion.body import Body
 from hqp.motion.joints import parts_of
+from hqp.motion.schedule import grounded, schedule_of
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.targets import targets_of
 
@@ -88,6 +89,35 @@ def test_feet_of_one_who_never_stands_are_square_to_the_shanks(seed: int) -> Non
         assert turn[:, 2] @ shank / np.linalg.norm(shank) > 0.99
         ahead = np.cross(lying.joint("LeftUpLeg")[0] - lying.joint("RightUpLeg")[0], shank)
         assert turn[:, 0] @ ahead / np.linalg.norm(ahead) > 0.9
+
+
+def _heel_to_the_back(rng: np.random.Generator) -> tuple[Motion, float]:
+    """A runner's back swing on the spot: a shank swings back and up, its foot pointed; the fastest turn of the foot."""
+    motion, side = stand(2.0, fps=120.0), str(rng.choice(["Left", "Right"]))
+    times, places = np.arange(240) / 120.0, motion.positions.copy()
+    share = np.clip(np.minimum(times - 0.4, 1.6 - times) / rng.uniform(0.3, 0.6), 0.0, 1.0)
+    share = share * share * (3.0 - 2.0 * share)
+    bend, point = rng.uniform(1.2, 2.4) * share, rng.uniform(0.0, 0.9) * share
+    knee, foot, toe = (NAMES.index(side + part) for part in ("Leg", "Foot", "ToeBase"))
+    shank, sole = places[:, foot] - places[:, knee], places[:, toe] - places[:, foot]
+    places[:, foot] = places[:, knee] + Rotation.from_rotvec(np.outer(bend, [0.0, 1.0, 0.0])).apply(shank)
+    places[:, toe] = places[:, foot] + Rotation.from_rotvec(np.outer(bend + point, [0.0, 1.0, 0.0])).apply(sole)
+    way = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+    whole = way.apply(places.reshape(-1, 3)).reshape(places.shape)
+    return Motion(NAMES, whole, 120.0, PARENTS), float(np.abs(np.diff(bend + point)).max())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_foot_turns_on_beyond_the_vertical(seed: int) -> None:
+    """A sole in the air turns little faster than the person's foot, whatever that points to."""
+    motion, fastest = _heel_to_the_back(np.random.default_rng(seed))
+    body = _g1()
+    found = targets_of(motion, parts_of(NAMES), body)
+    moved = grounded(found, body, schedule_of(found, body))
+    for targets in (found, moved):
+        for side in ("left", "right"):
+            turns = Rotation.from_matrix(targets.axes[f"{side}_sole"])
+            assert (turns[1:] * turns[:-1].inv()).magnitude().max() < 1.5 * fastest + 0.01
 
 
 @pytest.mark.parametrize("seed", range(4))
