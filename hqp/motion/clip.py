@@ -9,6 +9,8 @@ import numpy as np
 
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, closest
+from hqp.kinds import require
+from hqp.numbers import number, whole
 
 from .box import Box
 
@@ -56,7 +58,7 @@ class Motion:
             places = np.array(self.positions, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise DeclarationError("motion", "positions are not numeric", allowed="an array (T, J, 3)") from error
-        names = tuple(str(name) for name in self.names)
+        names = tuple(str(name) for name in _listed("names", self.names))
         if places.ndim != 3 or places.shape[1:] != (len(names), 3) or len(places) < 2:
             allowed = f"(T, {len(names)}, 3) for {len(names)} names, T at least 2"
             raise DeclarationError("motion", f"positions have shape {places.shape}", allowed=allowed)
@@ -68,21 +70,17 @@ class Motion:
             raise DeclarationError(
                 "motion", f"{names[joint]} is not finite in frame {frame}", allowed="finite numbers, gaps filled"
             )
-        if not RATES[0] <= float(self.fps) <= RATES[1]:
-            allowed = f"{RATES[0]:g} to {RATES[1]:g}"
-            raise DeclarationError("motion", "frames per second", value=self.fps, unit="1/s", allowed=allowed)
-        if self.parents and len(self.parents) != len(names):
-            raise DeclarationError(
-                "motion", f"{len(self.parents)} parents", allowed=f"{len(names)}, one for each joint"
-            )
-        if any(not -1 <= int(parent) < len(names) for parent in self.parents):
-            raise DeclarationError("motion", "parents", value=self.parents, allowed=f"-1 to {len(names) - 1}")
+        fps = number("motion", "frames per second", self.fps, RATES[0], most=RATES[1], unit="1/s")
+        parents = tuple(whole("motion", "parent", p, -1, len(names) - 1) for p in _listed("parents", self.parents))
+        if parents and len(parents) != len(names):
+            raise DeclarationError("motion", f"{len(parents)} parents", allowed=f"{len(names)}, one for each joint")
+        require("motion", "box", self.box, (Box, type(None)), "a Box, or None")
         if self.box is not None and len(self.box) != len(places):
             raise DeclarationError("motion", "frames of the box", value=len(self.box), allowed=str(len(places)))
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "positions", places)
-        object.__setattr__(self, "fps", float(self.fps))
-        object.__setattr__(self, "parents", tuple(int(p) for p in self.parents))
+        object.__setattr__(self, "fps", float(fps))
+        object.__setattr__(self, "parents", parents)
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -113,6 +111,7 @@ class Motion:
         """The motion in another frame rate [1/s], by cubic splines."""
         from scipy.interpolate import CubicSpline
 
+        fps = float(number("motion", "frames per second", fps, RATES[0], most=RATES[1], unit="1/s"))
         if fps == self.fps:
             return self
         before = np.arange(len(self)) / self.fps
@@ -130,6 +129,16 @@ class Motion:
         axes, signs = TURNS[up]
         box = None if self.box is None else self.box.turned(np.eye(3)[list(axes)] * np.array(signs)[:, None])
         return replace(self, positions=self.positions[..., axes] * signs, box=box)
+
+
+def _listed(field: str, values: Any) -> list[Any]:
+    """The values of a field; raises DeclarationError for a text, and for one that has none."""
+    try:
+        if not isinstance(values, (str, bytes)):
+            return list(values)
+    except TypeError:
+        pass
+    raise DeclarationError("motion", field, value=values, allowed="a sequence, one for each joint")
 
 
 def low_pass(values: Mat, cutoff: float, fps: float) -> Mat:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
 from hqp.errors import DeclarationError
+from hqp.kinds import require
 
 SIDES = ("left", "right")
 LIMBS = ("shoulder", "elbow", "hand", "knee", "hip", "ankle", "toe")
@@ -98,6 +99,7 @@ def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> di
     Raises DeclarationError for a part without a joint, and for one that is given and not there.
     """
     given = {} if given is None else given
+    require("human", "table", given, Mapping, "names of joints by part of the person")
     for part, name in given.items():
         if part not in PARTS:
             raise DeclarationError("human", "unknown part", value=part, allowed=", ".join(PARTS))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hqp.errors import DeclarationError
+from hqp.kinds import file_path
 
 from .box import FIELDS, Box
 from .bvh import read_bvh
@@ -38,7 +39,7 @@ def read_motion(
     do not match (see ``SkeletonMap``).  Raises DeclarationError for a file of another kind, and for a damaged or
     incomplete one.
     """
-    path = Path(path)
+    path = file_path("motion", path)
     kind = path.suffix.lower()
     if kind not in USUAL:
         raise DeclarationError("motion", "unknown file type", value=str(path), allowed=", ".join(USUAL))

@@ -10,6 +10,8 @@ import numpy as np
 
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
+from hqp.kinds import require_robot
+from hqp.numbers import number
 
 from .anchored import solved
 from .body import Body
@@ -71,11 +73,10 @@ def retarget(
                 allowed = "a Motion(names, positions, fps), or the path of a .bvh or .npz file"
                 raise DeclarationError("retarget", "motion", value=type(motion).__name__, allowed=allowed)
             motion = read_motion(motion, up=up, body_model=body_model, human=found.human)
-        if fps is not None and not RATES[0] <= fps <= RATES[1]:
-            allowed = f"{RATES[0]:g} to {RATES[1]:g}"
-            raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed=allowed)
+        rate = motion.fps
+        if fps is not None:
+            rate = float(number("retarget", "fps", fps, RATES[0], most=RATES[1], unit="1/s"))
         given = _contacts(contacts, len(motion))
-        rate = motion.fps if fps is None else float(fps)
         clip = ticked(motion, rate)
         masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
         body, parts = Body.of(robot, found), parts_of(clip.names, found.human)
@@ -135,6 +136,7 @@ def _loaded(robot: Robot | str) -> Robot:
         from hqp import robots
 
         return robots.load(robot)
+    require_robot("retarget", robot)
     return robot
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
+from hqp.kinds import file_path
 
 from .joints import SIDES
 
@@ -126,7 +127,7 @@ def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMa
         found = on_shapes(fitting[0], robot)
     elif isinstance(given, SkeletonMap):
         found = given
-    elif str(given) in (maps := shipped()):
+    elif str(file_path("map", given)) in (maps := shipped()):
         found = maps[str(given)]
     else:
         try:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hqp.errors import DeclarationError
-from hqp.motion import Motion, read_motion
+from hqp.motion import Motion, read_motion, retarget
 from hqp.motion.command import add_arguments
 from hqp.motion.joints import parts_of
+from hqp.motion.skeleton_map import find_map
 from hqp.motion.smplx import NAMES as SMPLX
 
 from .people import stand, walk, write_bvh, write_npz
+from .robots import robot as catalogued
 
 LAFAN = [
     "Hips", "LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToe", "RightUpLeg", "RightLeg", "RightFoot", "RightToe", "Spine",
@@ -132,3 +136,31 @@ def test_the_axis_of_the_command(words: list[str]) -> None:
     told = parser.parse_args(["clip.bvh", "--robot", "g1", *words, "--no-collision"])
     assert told.up == (words[-1].removeprefix("--up=") if words else "auto")
     assert told.no_collision
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: Motion(None, stand(0.1).positions, 30.0),  # type: ignore[arg-type]
+        lambda: Motion("LeftFoot", stand(0.1).positions, 30.0),  # type: ignore[arg-type]
+        lambda: replace(stand(0.1), fps=None),
+        lambda: replace(stand(0.1), fps="30"),
+        lambda: replace(stand(0.1), fps=float("nan")),
+        lambda: replace(stand(0.1), parents=("a",) * 15),
+        lambda: replace(stand(0.1), parents=(0.5,) * 15),
+        lambda: replace(stand(0.1), parents=3),
+        lambda: replace(stand(0.1), box=3),
+        lambda: stand(0.1).at_rate(float("nan")),
+        lambda: stand(0.1).at_rate(0.0),
+        lambda: read_motion(3),  # type: ignore[arg-type]
+        lambda: parts_of(stand(0.1).names, ["left_hip"]),  # type: ignore[arg-type]
+        lambda: find_map(3, catalogued("g1")),  # type: ignore[arg-type]
+        lambda: retarget(stand(0.1), None),  # type: ignore[arg-type]
+        lambda: retarget(stand(0.1), catalogued("g1"), fps="30"),  # type: ignore[arg-type]
+        lambda: retarget(stand(0.1), catalogued("g1"), map=3),  # type: ignore[arg-type]
+    ],
+)
+def test_values_of_another_kind_end_in_a_sentence(wrong: Callable[[], object]) -> None:
+    with pytest.raises(DeclarationError) as found:
+        wrong()
+    assert "\n" not in str(found.value)
