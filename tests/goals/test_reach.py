@@ -192,7 +192,7 @@ def test_bad_input() -> None:
     for bad in ({"restarts": -1}, {"steps": 0}, {"tolerance": 0.0}, {"budget": math.nan}, {"restarts": 1.5}):
         with pytest.raises(DeclarationError, match=next(iter(bad))):
             hqp.reach(stack, robot, goal, **bad)
-    with pytest.raises(DeclarationError, match="reach: not a Stack"):
+    with pytest.raises(DeclarationError, match="reach: bad stack"):
         hqp.reach([Level(hand)], robot, goal)  # type: ignore[arg-type]
     unmet = hqp.reach(stack, robot, hand.at([math.nan, 0.0, 0.0]), restarts=1)
     assert not unmet.success
