@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from threading import get_ident
 from types import FrameType
-from typing import Any, NoReturn, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from hqp.declare.stack import Stack
 from hqp.errors import ConcurrentUse, DeclarationError, UnknownReference, closest
 from hqp.numbers import number
 from hqp.programs.formulation import Formulation
+
+if TYPE_CHECKING:
+    from hqp.tasks import JointLimits
 
 T = TypeVar("T")
 
@@ -84,13 +87,19 @@ def largest_changes(robot: Robot, stack: Stack, kind: str, dt: float) -> list[fl
     """Largest change of each motor in a tick by ``GRADUAL`` and, at velocity level, by the windows of JointLimits."""
     from hqp.tasks import JointLimits
 
-    most = np.full(robot.nv, largest_change(kind, dt))
-    for element in stack.subject_to:
-        if kind == "velocity" and isinstance(element, JointLimits):
-            k = element.selection(robot)
-            most[k] = np.minimum(most[k], dt * element.rates(robot)[0])
+    limits = [e for e in stack.subject_to if kind == "velocity" and isinstance(e, JointLimits)]
+    most = np.minimum(largest_change(kind, dt), _windows(robot, limits, dt))
     changes: list[float] = most[robot.actuated].tolist()
     return changes
+
+
+def _windows(robot: Robot, limits: Sequence[JointLimits], dt: float) -> Vec:
+    """Largest change of each speed in a tick by the accelerations of JointLimits ``(nv,)``, infinite without one."""
+    most = np.full(robot.nv, math.inf)
+    for element in limits:
+        k = element.selection(robot)
+        most[k] = np.minimum(most[k], dt * element.rates(robot)[0])
+    return most
 
 
 LYING = math.cos(math.radians(60.0))
@@ -240,21 +249,20 @@ def jerk_limits(robot: Robot, stack: Stack, formulation: Formulation, kind: str,
         limit = "RateLimits(acceleration=...) of the controller" if kind == "acceleration" else "none"
         raise found[0].invalid("jerk", found[0].jerk, f"{limit} at {kind} level")
     nv = robot.nv
-    inverse, most, low = np.zeros(nv), np.full(nv, math.inf), np.full(nv, -math.inf)
+    inverse, low = np.zeros(nv), np.full(nv, -math.inf)
     high, speed = np.full(nv, math.inf), np.full(nv, math.inf)
     for element in found:
         k = element.selection(robot)
         lower, upper = element.position_limits(robot)
         assert element.jerk
         inverse[k] = np.maximum(inverse[k], 1.0 / element.jerk)
-        most[k] = np.minimum(most[k], dt * element.rates(robot)[0])
         low[k], high[k] = np.maximum(low[k], lower), np.minimum(high[k], upper)
         speed[k] = np.minimum(speed[k], element.speeds(robot))
     laws = formulation.laws(stack)
     tasks = [laws[element.name] for level in stack.levels for element in level]
     gains = [float(np.max(np.abs(law.gain), initial=0.0)) for law in tasks if isinstance(law, P)]
     motors = robot.actuated
-    limits = {"inverse": inverse, "change": most, "low": low, "high": high, "speed": speed}
+    limits = {"inverse": inverse, "change": _windows(robot, found, dt), "low": low, "high": high, "speed": speed}
     return {
         **{name: one[motors].tolist() for name, one in limits.items()},
         "elements": [element.name for element in found],
