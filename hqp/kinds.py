@@ -22,6 +22,12 @@ def require_robot(owner: str, robot: object) -> None:
         raise DeclarationError(owner, "bad robot", value=_given(robot), allowed="a robot of hqp.robots.load")
 
 
+def require_state(owner: str, state: object) -> None:
+    """Raise DeclarationError for anything but a state."""
+    if not hasattr(state, "finite"):
+        raise DeclarationError(owner, "not a State", value=_given(state), allowed="robot.state(q, v)")
+
+
 def names(owner: str, field: str, given: Any, allowed: str) -> tuple[str, ...]:
     """Return a sequence of names; raises DeclarationError for anything else, also for a single one."""
     if isinstance(given, str) or not isinstance(given, Sequence) or not all(isinstance(name, str) for name in given):

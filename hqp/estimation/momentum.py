@@ -11,7 +11,7 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.reference import numbers
 from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.kinds import require, require_robot
+from hqp.kinds import require, require_robot, require_state
 from hqp.numbers import number
 
 COUPLED = "a mapping from passive joints to pairs of one of the joints and a ratio"
@@ -84,8 +84,7 @@ class MomentumObserver:
         anew.
         """
         torque = numbers("observer", "torque", torque, (len(self._actuation),))
-        if not hasattr(state, "finite"):
-            raise DeclarationError("observer", "not a State", value=state, allowed="robot.state(q, v)")
+        require_state("observer", state)
         if not state.finite or not np.isfinite(torque).all():
             self._before = None
             return self.force(state)

@@ -18,10 +18,9 @@ from hqp.declare.price import Priced
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import State
 from hqp.declare.safety import Braking
-from hqp.errors import DeclarationError
 from hqp.estimation.feet import feet_tree
 from hqp.estimation.rotations import about_vertical
-from hqp.kinds import require, require_robot
+from hqp.kinds import require, require_robot, require_state
 from hqp.loop.controller import Controller
 from hqp.loop.file import write
 from hqp.loop.tick import Tick
@@ -81,7 +80,7 @@ class Walker:
     the left and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of
     joints, of all but those of the legs if it names none, None for none.  bandwidth: noise of measured rates above it
     does not reach the torques, inf for rates as measured [1/s].  price, deadline: arguments of Controller.  max_age:
-    that of ``Controller.session``.  Without a usable answer it goes on with the next one, ``Braking(resume="auto")``: a
+    as in ``Controller.session``.  Without a usable answer it goes on with the next one, ``Braking(resume="auto")``: a
     biped that waits for a person falls.  Raises DeclarationError for a robot that is no biped, and the errors of
     ``Controller.session``.
     """
@@ -340,11 +339,9 @@ class Walker:
             self.session.stop(self.session.stopping, at_once=True)
         felt = None if loads is None else numbers("walker", "loads", loads, (2,), LOADS)
         rates = np.empty(self.robot.nv)
-        try:
-            self._native.observe(state.v, rates)
-            state = self.robot.state(state.q, rates, time=state.time)
-        except AttributeError:
-            raise DeclarationError("step", "not a State", value=state, allowed="robot.state(q, v)") from None
+        require_state("step", state)
+        self._native.observe(state.v, rates)
+        state = self.robot.state(state.q, rates, time=state.time)
         self._native.step(state.q, state.v, felt)
         self.session.weigh(self.heavier)
         tick = self.session.step(state, *self._references(), now=now, phase=self.support)
