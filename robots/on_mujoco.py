@@ -60,7 +60,7 @@ class Plant:
     else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.  actuation: ``torque``,
     ``position`` (servos with the gains of ``servo``, by default of the robot's description, else
     ``Servo.stiff(robot)``), or ``native``, the file's own actuators.  terrain: the ground, which takes the place of
-    planes in the file, None to keep those.  Links that overlap at the robot's home do not collide, whatever the file's
+    planes in the file, None to keep those.  Links that overlap at the robot's home do not collide, in any file
     format.  timestep, delay: duration of a step, and delay from command to motor [s].
     armature: reflected rotor inertia by joint or group [kg m^2] in place of the default (our own models, and URDF
     files, which have no word for it: rotor inertia of the robot's model, else min(0.01, effort limit / 5000)) or the

@@ -13,7 +13,7 @@ from .mujoco_extra import mujoco
 def exclude(spec: Any, robot: Any, root: str) -> Any:
     """Compile a MjSpec; pairs of links of the robot, whose root body is named, that overlap at its home do not collide.
 
-    A file may say nothing of shapes that overlap by design, as a hip's and a thigh's: their contact would hold the
+    Shapes of a hip and a thigh may overlap by design, and their file may not exclude them: their contact would hold the
     joint between them.
     """
     simulated, home = spec.compile(), getattr(robot, "home", None)

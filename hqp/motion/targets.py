@@ -123,7 +123,7 @@ def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask
 
 
 def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
-    """Places of the ankles on the floor, below the start ``(3,)``; of all joints if no ankle is ever the lowest."""
+    """Place of the floor below the start ``(3,)``: under the ankles, or under all joints if others are always lower."""
     own = {part: place for part, place in joints.items() if part not in OPTIONAL}
     lowest = np.min([place[:, 2] for place in own.values()], axis=0)
     ankles = [own[f"{side}_ankle"] for side in SIDES]
@@ -230,7 +230,7 @@ def _over(way: Mat, shank: Mat, rests: Mask) -> Mask:
 
 
 def _lying(joints: dict[str, Mat], side: str, trunk: Mat, *, recorded: bool) -> Mat:
-    """How the sole of a foot that never stands is turned from home ``(T, 3, 3)``: square to the shank at the median.
+    """Rotation from home of the sole of a foot that never stands ``(T, 3, 3)``: square to the shank at the median.
 
     recorded: false for a foot without recorded toes, which turns from the trunk as the shank does.
     """

@@ -109,7 +109,7 @@ def _heel_to_the_back(rng: np.random.Generator) -> tuple[Motion, float]:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_foot_turns_on_beyond_the_vertical(seed: int) -> None:
-    """A sole in the air turns little faster than the person's foot, whatever that points to."""
+    """A sole in the air turns little faster than the person's foot, in any direction."""
     motion, fastest = _heel_to_the_back(np.random.default_rng(seed))
     body = _g1()
     found = targets_of(motion, parts_of(NAMES), body)

@@ -1,4 +1,4 @@
-"""Links of a robot that overlap at home do not collide in its plant, whatever format its file has; others do."""
+"""Links of a robot that overlap at home do not collide in its plant, in any file format; others do."""
 
 from itertools import combinations
 from pathlib import Path

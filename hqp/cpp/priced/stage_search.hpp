@@ -329,7 +329,7 @@ class StageSearch {
     return !still;
   }
 
-  // By how much a row is beyond its bounds, 0 if it depends on those held.
+  // Distance of a row beyond its bounds, 0 if it depends on the rows held.
   double beyond(int i, const double* y) const {
     const StageRow& row = (*rows_)[i];
     return row.equal() && side_[i] == 2 ? 0.0 : slack(row.value(x_.data(), y, n_), row.lower, row.upper);
@@ -344,7 +344,7 @@ class StageSearch {
   // null; the result is 0 if errors do not hide how these would fall, since the optimum of their level allows no fall.
   double back(const double* y, const std::vector<double>* open) {
     own_set_.clear();
-    double fall = 0.0, hidden = 0.0;  // of half the squared slacks; that of errors for a motion of length 1
+    double fall = 0.0, hidden = 0.0;  // half the squared slacks; fall hidden by errors at length 1
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
       const double more = open && row.number >= 0 ? (*open)[row.number] : 0.0, own = error(i, y);

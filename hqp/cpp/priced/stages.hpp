@@ -84,7 +84,7 @@ class PricedStages {
   virtual bool ended() const = 0;                  // every stage reached its optimum
   virtual bool uncertain() const = 0;              // a stage met uncertain directions
   virtual bool unpriced_met(const double* x) = 0;  // levels without a price above the last priced one are met
-  virtual bool undecided() const = 0;              // the answer moves with a reading of the rows: no certificate tells
+  virtual bool undecided() const = 0;              // the answer moves with a reading, unseen by certificates
   virtual bool doubtful() const = 0;               // a stage may have ended off its optimum by more than rounding
   virtual void reset() = 0;                        // forget the warm start
   virtual void only_once() = 0;                    // skip preparations for the next problem

@@ -23,7 +23,7 @@ class Guarded : public SessionState {
     return tick;
   }
 
-  // Come to rest if a blend of two sessions has no usable answer.  resting: that of the blend; last: x of the tick
+  // Come to rest if a blend of two sessions has no usable answer.  resting: its braking; last: x of the tick
   // before; held: ticks since then; fit: true if the latest state is valid.
   const Tick& rest(Rest& resting, const double* last, bool good, std::int64_t held, bool fit, Status why) {
     tick_.note_count_ = 0;

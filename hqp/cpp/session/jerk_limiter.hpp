@@ -64,8 +64,8 @@ class JerkLimiter {
                         " motors: export the plan anew");
   }
 
-  // Write the next command into x, from an answer in x and the command that was sent last.  changes, most:
-  // accelerations fall to so many of these changes of each motor in a tick.
+  // Write the next command into x, from an answer in x and the command that was sent last.  changes: a
+  // change of each motor in a tick; most: how many of these accelerations fall to.
   void approach(const double* last, const double* changes, double most, double* x) {
     const std::size_t n = last_.size();
     std::copy(x, x + n, answer_.begin());
@@ -79,8 +79,8 @@ class JerkLimiter {
     for (std::size_t i = 0; i < n; ++i) x[i] = share * answer_[i] - last[i];  // d
     double gain = dt_ / (0.5 * dt_ + std::sqrt(0.25 * dt_ * dt_ + size(x)));  // dt b = gain d
     for (std::size_t i = 0; i < places_.size(); ++i) {
-      const double least = std::min(limits_.change[i], most * changes[i]), wanted = gain * std::fabs(x[places_[i]]);
-      if (wanted > least) gain *= least / wanted;
+      const double bound = std::min(limits_.change[i], most * changes[i]), wanted = gain * std::fabs(x[places_[i]]);
+      if (wanted > bound) gain *= bound / wanted;
     }
     for (std::size_t i = 0; i < n; ++i) x[i] = gain * x[i] - change_[i];
     const double jerk = size(x) / (dt_ * dt_), allowed = jerk > 1.0 ? 1.0 / jerk : 1.0;

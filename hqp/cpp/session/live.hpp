@@ -182,8 +182,7 @@ class LiveSession {
       return;
     session_->inputs().references().keep_hold(std::size_t(member->slot), value.data());
   }
-  // Hold values by name, flat, of elements whose references have numbers.
-  // Hold values by name, of elements that have one so far.
+  // Hold values by name, flat, of elements that have one so far.
   nb::dict holds() const {
     nb::dict found;
     const hqp::Line& line = session_->line();

@@ -95,8 +95,8 @@ class Outgoing {
         ahead_(std::size_t(n)),
         first_(std::size_t(n)) {
     if (changes_.size() != motors_.size())
-      throw PlanError("a transition has " + std::to_string(changes_.size()) + " changes, needed " +
-                      std::to_string(motors_.size()) + ": export the plan anew");
+      throw PlanError("largest changes of commands: " + std::to_string(changes_.size()) + " numbers for " +
+                      std::to_string(motors_.size()) + " motors: export the plan anew");
     for (const Level& level : levels_) {
       starts_.push_back(slack_.size());
       slack_.resize(slack_.size() + std::size_t(level.m));

@@ -382,7 +382,7 @@ class Transition {
   Ramp ramp_;
   RateLimiter gradual_;
   std::vector<double> x_, force_;  // x_: sent last
-  std::unique_ptr<Rest> rest_;     // of the blend
+  std::unique_ptr<Rest> rest_;     // braking of the blend
   bool good_, ordinary_, reached_, chosen_, begun_ = false, direct_ = false,
                                             leaving_ = false;  // reached_: all tasks were within reach
                                                                // at first; leaving_: another transition has begun
