@@ -23,6 +23,9 @@ OUT, OUT_SQUARED = 10.0, 1e-3
 GRIP = 0.5
 """Largest horizontal force of a sole along two directions, as a share of its load."""
 
+TOGETHER = 0.1
+"""Weight of the squared difference between a sole's part of the acceleration and its share of the load [s^4]."""
+
 SINKING = 0.6
 """Largest downward acceleration of the CoM while a sole stands, as a share of g."""
 
@@ -81,6 +84,7 @@ class CentroidalPlan:
     """com, velocity, acceleration ``(n, 3)`` [m, m/s, m/s^2] and zmp ``(n, 2)`` [m], NaN in flight.
 
     outside: distance by which a sole's forces leave it ``(n,)`` [m], above 0 only if no plan keeps them inside.
+    shares: of each node the shares of its soles beyond the first in the load.
     """
 
     com: Mat
@@ -88,6 +92,7 @@ class CentroidalPlan:
     acceleration: Mat
     zmp: Mat
     outside: Vec
+    shares: list[Vec]
 
     def at(self, times: Vec, dt: float) -> tuple[Mat, Mat, Mat]:
         """com, velocity and acceleration ``(t, 3)`` at times [s], with constant jerk between nodes dt [s] apart."""
@@ -101,7 +106,7 @@ class CentroidalPlan:
 
 def centroidal_plan(
     com: Mat, supports: Sequence[Soles], dt: float, *, gravity: float, highest: Vec, spin: Mat | None = None,
-    ends: Soles | None = None,
+    ends: Soles | None = None, shares: Sequence[Vec] | None = None,
 ) -> CentroidalPlan:  # fmt: skip
     """Plan the CoM c of n nodes, dt [s] apart, by two convex quadratic programs with the jerk as input.
 
@@ -110,13 +115,16 @@ def centroidal_plan(
     at most that of its leg, r_j = l_j p_j with the centre of pressure p_j, and its part a_j of the acceleration:
 
         min sum |c - com|^2 + ``JERK`` |dddc/dt|^2 dt + ``STEADY`` |p_k+1 - p_k|^2 + ``OUT`` s
+                + ``TOGETHER`` |a_j - shares_j ddc/dt|^2
         s.t. N_j r_j <= l_j b_j + s,  |a_j| <= ``GRIP`` l_j (ddz/dt + g),  l_j (ddz/dt + g) <= strength_j,
              sum l_j = 1,  sum a_j = ddc/dt,
              p = sum r_j = c - sum (z - z_j) a_j / (ddz/dt + g) + (-dL_y/dt, dL_x/dt) / (m (ddz/dt + g))
 
     and the DCM of the last node between ``ends``, on which the robot can stop: the soles of that node for None.  com
     ``(n, 3)`` [m], supports: the soles of each node.  gravity [m/s^2].  spin ``(n, 2)``: dL/dt / m about x and y, the
-    angular momentum's rate over the mass [m^2/s^2], 0 for None.  The plan turns with the motion.  Raises HqpError
+    angular momentum's rate over the mass [m^2/s^2], 0 for None.  shares: loads of a plan before, in proportion to which
+    soles push, for soles at two heights that push against each other turn the body; equal ones for None.  The plan
+    turns with the motion.  Raises HqpError
     without a solver (Kajita et al. 2003, there with the ZMP tracked; Winkler et al. 2017, vertical motion first).
     """
     n = len(com) - 1
@@ -136,7 +144,7 @@ def centroidal_plan(
         weight[k * size + 3 * (n + 1) : (k + 1) * size] = JERK * dt
     at = np.array([0, size])
     rows, lower, upper = _Rows(total), [], []
-    zmp, shifts = _Rows(total), np.zeros((n + 1, 2))
+    zmp, apart, shifts = _Rows(total), _Rows(total), np.zeros((n + 1, 2))
 
     def bound(columns: Sequence[int], values: Sequence[float], most: float, least: float = -np.inf) -> None:
         rows.add(columns, values)
@@ -177,6 +185,9 @@ def centroidal_plan(
         for columns, values in point:
             zmp.add(columns, values)
         inside(soles, begins[i], point, shifts[i], slack[i], push[i])
+        for b, share in zip(begin, [1.0 / len(soles)] * len(begin) if shares is None else shares[i], strict=True):
+            for k in (0, 1):
+                apart.add([b + 3 + k, force[k]], [1.0, -share])
         grip = GRIP * push[i]
         for way in _ways(soles):
             for b in begin:
@@ -192,12 +203,12 @@ def centroidal_plan(
     dynamics = sparse.hstack(
         [sparse.block_diag([chain, chain]), sparse.csc_matrix((2 * chain.shape[0], total - 2 * size))]
     )
-    Z = zmp.matrix()
+    Z, D = zmp.matrix(), apart.matrix()
     steps = sparse.diags([-1.0, 1.0], [0, 2], shape=(2 * n, 2 * (n + 1))) @ Z
     least = np.full(total, -np.inf)
     least[slack] = 0.0
     x = _solve(
-        sparse.diags(weight) + STEADY * (steps.T @ steps),
+        sparse.diags(weight) + STEADY * (steps.T @ steps) + TOGETHER * (D.T @ D),
         linear + STEADY * (steps.T @ np.diff(shifts, axis=0).ravel()),
         sparse.vstack([dynamics, rows.matrix()]),
         np.concatenate((np.zeros(dynamics.shape[0]), lower)),
@@ -208,7 +219,8 @@ def centroidal_plan(
     p, v, a = np.moveaxis(np.stack([*both, z], axis=2), 1, 0)
     reached = (Z @ x).reshape(-1, 2) + shifts
     reached[[not soles for soles in supports]] = np.nan
-    return CentroidalPlan(p, v, a, reached, np.maximum(x[slack[:-1]], 0.0))
+    loads = [x[begins[i] : begins[i + 1] : 5] for i in range(n + 1)]
+    return CentroidalPlan(p, v, a, reached, np.maximum(x[slack[:-1]], 0.0), loads)
 
 
 def _ways(soles: Soles) -> Mat:

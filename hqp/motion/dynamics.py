@@ -113,14 +113,16 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     course = tracker.carries = CarriedCourse(tracker, q)
 
     def once(before: Mat, reached: Mat, spin: Mat) -> tuple[Pass, tuple[Mat, Mat, Mat], Mat]:
-        plan, highest, legs = None, np.full(len(places), np.inf), _legs(tracker, before[nodes])
+        plan, shares, highest = None, None, np.full(len(places), np.inf)
+        legs = _legs(tracker, before[nodes])
         supports = strong(tracker, places, before[nodes], stands[nodes], toes[nodes])
         supports = shifting(supports, stands[nodes], gravity * dt / TAKES)
         aim = np.column_stack((own[:, :2], reached[:, 2]))
         for _ in range(PLANS):
             plan = centroidal_plan(
-                aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes], ends=ends
+                aim[nodes], supports, dt, gravity=gravity, highest=highest, spin=spin[nodes], ends=ends, shares=shares
             )
+            shares = plan.shares
             highest = _reached(stacks.body, reached[nodes], plan.com, legs, stands[nodes])
         assert plan is not None
         com, rate, push = plan.at(times, dt)
