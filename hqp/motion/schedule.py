@@ -278,15 +278,34 @@ class _Foot:
             shift = np.column_stack([np.interp(every, stands, shift[stands, j]) for j in range(3)])
             turn = np.interp(every, stands, turn[stands])
         place = self._place + shift
+        yaw = self._yaw + turn
         for first, last in self.swings:
             s = (np.arange(first, last) - first + 1) / (last - first + 1)
-            straight = (1.0 - s) * place[first - 1, 2] + s * place[last, 2]
             begin, end = (0.5 * LEAST[LEFT] * self._fps * self._beside[i] for i in (first, last - 1))
             place[first:last] = from_rest(place[first - 1 : last + 1], begin, end)[1:-1]
-            place[first:last, 2] = np.maximum(place[first:last, 2], straight + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
-        yaw = self._yaw + turn
+            least = np.maximum(
+                (1.0 - s) * place[first - 1, 2] + s * place[last, 2], self._edges(place, yaw, first, last)
+            )
+            place[first:last, 2] = np.maximum(place[first:last, 2], least + CLEAR * 16.0 * (s * (1.0 - s)) ** 2)
         R = turned(yaw, self._tilt)
         return place + _rolled(R, yaw, self._pivot), R @ self._home, level
+
+    def _edges(self, place: Mat, yaw: Vec, first: int, last: int) -> Vec:
+        """Height of the ground of both stances of a swing, less the distance of the foot from where it stands there."""
+        here = slice(first, last)
+        levels, own = [], _flat(self._leg.sole, yaw[here])
+        for end in (first - 1, last):
+            (stood,) = _flat(self._leg.sole, yaw[end : end + 1])
+            way = unit(place[here, :2] - place[end, :2])
+            near = np.einsum("tmi,ti->tm", own, way).min(axis=1) - (way @ stood.T).max(axis=1)
+            gap = np.sum(way * (place[here, :2] - place[end, :2]), axis=1) + near
+            levels.append(place[end, 2] - np.maximum(gap, 0.0))
+        return np.asarray(np.maximum(*levels))
+
+
+def _flat(outline: Mat, yaw: Vec) -> Mat:
+    """An outline ``(m, 2)`` in headings ``(T,)``, from above ``(T, m, 2)``."""
+    return np.asarray(outline @ np.swapaxes(turned(yaw, np.zeros_like(yaw))[:, :2, :2], 1, 2))
 
 
 def _rolled(R: Mat, yaw: Vec, pivot: Mat) -> Mat:

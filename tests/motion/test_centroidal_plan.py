@@ -14,7 +14,8 @@ from scipy.optimize import linprog
 import hqp
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
-from hqp.motion import Retargeted, retarget
+from hqp.motion import Motion, Retargeted, retarget
+from hqp.motion.beside import overlap
 from hqp.motion.body import Body
 from hqp.motion.centroidal import CentroidalPlan, Soles, Support, centroidal_plan, outside
 from hqp.motion.clip import accelerated
@@ -128,6 +129,22 @@ def test_forces_of_the_plan_act_inside_the_soles(seed: int, rise: float, toes: b
         there = slice(None, -1) if share == 0.0 else slice(1, None)
         for value, node in zip(found, (plan.com, plan.velocity, plan.acceleration), strict=True):
             np.testing.assert_allclose(value, node[there], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_soles_at_two_heights_do_not_push_against_each_other(seed: int) -> None:
+    """The line of the ground's force passes between the soles on drawn stairs, in a plan with the shares of another."""
+    com, supports, spin = _drawn(seed, rise=0.3)
+    no, shares = np.full(len(com), np.inf), None
+    for _ in range(2):
+        plan = centroidal_plan(com, supports, DT, gravity=G, highest=no, spin=spin, shares=shares)
+        shares = plan.shares
+    off = []
+    for k, soles in enumerate(supports):
+        force = plan.acceleration[k] + [0.0, 0.0, G]
+        turning = np.array([-spin[k, 1], spin[k, 0]]) / force[2]
+        off.append(outside(soles, plan.com[k], force, turning))
+    assert max(off) < 5e-3
 
 
 @pytest.mark.long
@@ -282,6 +299,37 @@ def test_feet_lift_and_land_at_rest(g1: hqp.robots.Robot) -> None:
                 swings += 1
                 assert max(after[first - 1], after[last - 1]) < 0.03 * before[first:last].max()
     assert swings > 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_foot_passes_over_the_edge_of_its_box(seed: int, g1: hqp.robots.Robot) -> None:
+    """A person's foot that swings up, or down, lower than a box; a sole above its own place there is not below it."""
+    rng, found = np.random.default_rng(seed), find_map(None, g1)
+    motion = step_up(float(rng.uniform(0.15, 0.3)), fps=120.0)
+    body, places = Body.of(g1, found), motion.positions.copy()
+    for side, begin in (("Left", 0.4), ("Right", 1.7)):
+        share = np.clip((np.arange(len(places)) / 120.0 - begin) / 0.6, 0.0, 1.0)
+        lower = rng.uniform(0.05, 0.15) * np.sin(np.pi * share) ** 2
+        places[:, [i for i, name in enumerate(motion.names) if name in (f"{side}Foot", f"{side}ToeBase")], 2] -= lower[
+            :, None
+        ]
+    if seed % 2:
+        places = places[::-1].copy()
+    motion = Motion(motion.names, places, motion.fps, motion.parents)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    schedule = schedule_of(targets, body)
+    placed, checked = grounded(targets, body, schedule), 0
+    for side, stands in zip(("left", "right"), schedule.stands.T, strict=True):
+        R = placed.axes[f"{side}_sole"] @ body.axes[f"{side}_sole"].T
+        points = placed.places[f"{side}_sole"][:, None] + np.einsum("tij,mj->tmi", R, body.soles[side])
+        for first, last in runs(~stands):
+            for end in (first - 1, last):
+                if 0 <= end < len(stands):
+                    there, way = points[end, :, :2], np.array([1.0, 0.0])
+                    over = [i for i in range(first, last) if overlap(points[i, :, :2], there, way) > 1e-3]
+                    checked += len(over)
+                    assert (points[over, :, 2].min(axis=1) > points[end, 0, 2] - 2e-3).all()
+    assert checked > 20
 
 
 @pytest.mark.parametrize("seed", range(8))
