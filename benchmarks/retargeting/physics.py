@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from hqp.estimation.rotations import yaw_of
 from hqp.loop.controller import Controller
 from hqp.motion.clip import low_pass
 from hqp.motion.contacts import runs
@@ -36,7 +37,7 @@ RAISED = 0.02
 """Height of a resting foot above which the scene puts a plate under it [m]."""
 
 PLATE = 0.15, 0.12, 0.01
-"""Half its length, width and thickness [m]."""
+"""Half its length along the foot, width and thickness [m]."""
 
 FEET = 2
 """Bit of the plates, which feet alone touch: the extent of a box around its footholds is unknown."""
@@ -64,13 +65,14 @@ class Fate:
 
 
 def plates(targets: Targets) -> list[Any]:
-    """Centre of each place at which feet rest above the floor ``(3,)`` [m]."""
+    """Centre of each place at which feet rest above the floor ``(3,)`` [m], with the foot's number and a frame there."""
     found = []
-    for side in SIDES:
+    for k, side in enumerate(SIDES):
         ground, place = targets.contacts.ground[f"{side}_foot"], targets.places[f"{side}_sole"]
         for first, last in runs(targets.contacts.resting[f"{side}_foot"]):
             if ground[first] > RAISED:
-                found.append((*np.median(place[first:last, :2], axis=0), ground[first]))
+                middle = np.median(place[first:last, :2], axis=0)
+                found.append(([*middle, ground[first]], k, (first + last) // 2))
     return found
 
 
@@ -135,11 +137,13 @@ class Tracking:
             site = spec.site(foot.frame)
             for geom in (spec.body(foot.frame) if site is None else site.parent).geoms:
                 geom.conaffinity |= FEET
-        for x, y, z in plates(self.targets):
+        for (x, y, z), k, frame in plates(self.targets):
             place, friction = (x, y, z - PLATE[2]), (FRICTION, 0.005, 0.0001)
+            half = 0.5 * yaw_of(self.clip.state(self.q[frame]).rotation(self.feet[k].frame))
             spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, friction=friction, contype=FEET, conaffinity=0
-            )
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, quat=(math.cos(half), 0.0, 0.0, math.sin(half)),
+                friction=friction, contype=FEET, conaffinity=0,
+            )  # fmt: skip
 
         for one, other in _neighbours(spec):
             spec.add_exclude(bodyname1=one, bodyname2=other)
