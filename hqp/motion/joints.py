@@ -44,6 +44,9 @@ MANNERS = ("bend", "stretch")
 FORMS = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"))
 """Spellings of both sides in names."""
 
+SHORT = {"left": "l|lf|lft", "right": "r|rt|rgt"}
+"""Short sides in names, apart from the rest: ``lf_hip``."""
+
 _KNOWN = "|".join(sorted({name for names in NAMES.values() for name in names}))
 
 
@@ -56,11 +59,11 @@ def plain(name: str) -> tuple[str, str]:
     end = "end" if name.endswith("End") else ""
     name = name.removesuffix("End").rstrip(" _.")
     for side in SIDES:
-        letter = side[0]
+        letter, short = side[0], SHORT[side]
         patterns = (
-            rf"^{letter.upper()}({_KNOWN.upper()})$", rf"(?i:^{side})(.*)$", rf"(?i:^{letter}[ _.-])(.*)$",
+            rf"^{letter.upper()}({_KNOWN.upper()})$", rf"(?i:^{side})(.*)$", rf"(?i:^(?:{short})[ _.-])(.*)$",
             rf"^{letter}(?=[A-Z])(.*)$",
-            rf"^{letter.upper()}(?=[A-Z][a-z])(.*)$", rf"(.*)(?i:[ _.(-]{side})$", rf"(.*)(?i:[ _.(-]{letter})$",
+            rf"^{letter.upper()}(?=[A-Z][a-z])(.*)$", rf"(.*)(?i:[ _.(-]{side})$", rf"(.*)(?i:[ _.(-](?:{short}))$",
             rf"(.*)(?:{side.title()})$", rf"(.*[a-z0-9]){letter.upper()}$", rf"(?i:^{letter}({_KNOWN})$)",
         )  # fmt: skip
         for pattern in patterns:
@@ -71,10 +74,10 @@ def plain(name: str) -> tuple[str, str]:
 
 
 def bare(names: Sequence[str]) -> list[str]:
-    """Names without a number at their end, and without the beginning and the end that all joints with a counterpart on
-    the other side share: ``DEF-thigh.L`` and ``J_Bip_L_Hand`` have one.
+    """Names without a number or brackets at their end, and without the beginning and the end that all joints with a
+    counterpart on the other side share: ``DEF-thigh.L``, ``J_Bip_L_Hand`` and ``NPC L Thigh [LThg]`` have one.
     """
-    names = [re.sub(r"[ _.]\d+$", "", name.strip()) for name in names]
+    names = [re.sub(r"[ _.]\d+$| *\[.*\]$", "", name.strip()) for name in names]
     paired, known = [], set(names)
     for name in names:
         for own, other in (form[::way] for form in FORMS for way in (1, -1)):

@@ -100,6 +100,12 @@ def test_parameters_of_a_body_model(tmp_path: Path) -> None:
          + [f"R_{n}" for n in ("Hip", "Knee", "Ankle", "Foot", "Shoulder", "Elbow", "Wrist")], "left_toe", "L_Foot"),
         ([f"{n}{s}" for s in (".l", ".r") for n in ("thigh", "shin", "foot", "toe", "upper_arm", "forearm", "hand")],
          "right_knee", "shin.r"),
+        *(([f"{s}_{n}" for s in sides for n in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")],
+           f"{side}_knee", f"{s}_knee")
+          for sides in (("lf", "rt"), ("lft", "rgt")) for side, s in zip(("left", "right"), sides, strict=True)),
+        ([f"NPC {s} {n} [{s}{n[:3]}]" for s in "LR"
+          for n in ("Thigh", "Calf", "Foot", "Toe0", "Clavicle", "UpperArm", "Forearm", "Hand")],
+         "right_hip", "NPC R Thigh [RThi]"),
     ],
 )  # fmt: skip
 def test_names_of_parts(names: list[str], part: str, joint: str) -> None:
