@@ -65,7 +65,7 @@ class Fate:
 
 
 def plates(targets: Targets) -> list[Any]:
-    """Centre of each place at which feet rest above the floor ``(3,)`` [m], with the foot's number and a frame there."""
+    """Centre of each place at which feet rest above the floor ``(3,)`` [m], with the foot's number and a frame."""
     found = []
     for k, side in enumerate(SIDES):
         ground, place = targets.contacts.ground[f"{side}_foot"], targets.places[f"{side}_sole"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,14 @@ LIFTS = 0.05
 """Time in which moving feet join the CoM's change of height at the ends of a flight [s]."""
 
 
+class Beyond(NamedTuple):
+    """A time from ``first`` to ``last`` [s] in which soles give a speed [m/s] less to the CoM than the motion has."""
+
+    first: float
+    last: float
+    lacks: float
+
+
 @dataclass(frozen=True)
 class Dynamics:
     """Changes of a motion that make it carriable by the forces of soles and toes.
@@ -59,7 +67,8 @@ class Dynamics:
     velocity, acceleration ``(T, 3)``: the plan [m, m/s, m/s^2].  zmp ``(T, 2)`` [m]: ZMP of the plan, NaN in flight.
     shift ``(T,)`` [m]: distance of the plan from the kinematic CoM.  zmp_outside: share of standing frames whose ZMP,
     angular momentum included, is more than 10 mm outside the soles, before and after.  hands_p99: 99th percentile of
-    the hands' error [m], before and after.  missed [m]: largest distance of the CoM from the plan.
+    the hands' error [m], before and after.  missed [m]: largest distance of the CoM from the plan.  beyond: times in
+    which no forces of the soles carry it.
     """
 
     stands: Mask
@@ -72,6 +81,7 @@ class Dynamics:
     zmp_outside: tuple[float, float]
     hands_p99: tuple[float, float]
     missed: float
+    beyond: tuple[Beyond, ...] = ()
 
     def thinned(self, each: int) -> Dynamics:
         """Every ``each``-th frame."""
@@ -86,6 +96,11 @@ class Dynamics:
             f"{1e3 * float(self.shift.max()):.0f} mm at most; it misses its plan by {1e3 * self.missed:.0f} mm at most",
             f"ZMP more than {1e3 * OUTSIDE:.0f} mm outside the soles: {100 * out:.1f} % of standing frames before, "
             f"{100 * now:.1f} % after; hands p99 {1e3 * hands:.0f} mm before, {1e3 * after:.0f} mm after",
+            *(
+                f"the soles do not carry it from {each.first:.2f} to {each.last:.2f} s: their forces give the CoM "
+                f"{each.lacks:.2f} m/s too little"
+                for each in self.beyond
+            ),
         ]
 
 
@@ -136,11 +151,12 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
         course.follow(again.q)
         again, (com, rate, push), zmp = once(again.q, *centroidal(robot, again.q, fps))
     reached, _ = centroidal(robot, again.q, fps)
-    before, after = (share_outside(zmp_outside(tracker, each.q, stands, toes)) for each in (found, again))
+    before, after = (zmp_outside(tracker, each.q, stands, toes) for each in (found, again))
     hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)
     missed = float(np.linalg.norm(reached - com, axis=1).max())
     shift = np.asarray(np.linalg.norm(com - own, axis=1))
-    return again, Dynamics(stands, toes, com, rate, push, zmp, shift, (before, after), hands, missed)
+    shares, lacks = (share_outside(before), share_outside(after)), beyond(tracker, again.q, stands, after)
+    return again, Dynamics(stands, toes, com, rate, push, zmp, shift, shares, hands, missed, lacks)
 
 
 def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:
@@ -240,6 +256,29 @@ def zmp_outside(tracker: Tracker, q: Mat, stands: Mask, toes: Mask) -> Vec:
             force[2] = max(force[2], 1e-3)
             found[i] = outside(soles, com[i], force, np.array([-spin[i, 1], spin[i, 0]]) / force[2])
     return found
+
+
+def beyond(tracker: Tracker, q: Mat, stands: Mask, distances: Vec) -> tuple[Beyond, ...]:
+    """Times in which forces that stay on the soles miss the CoM's speed by more than the ankle makes up for later.
+
+    distances ``(T,)`` [m]: those of ``zmp_outside``.  A force d outside a sole accelerates the CoM by d f / (m h) more
+    than it can, with the load f and the height h above the soles.  The ankle moves the force by ``SHARE`` of half a
+    sole: enough for that times the pendulum's frequency.
+    """
+    robot, body, fps = tracker.robot, tracker.stacks.body, tracker.targets.fps
+    gravity, found = float(-robot.gravity[2]), []
+    com, _ = centroidal(robot, q, fps)
+    push = np.maximum(accelerated(com, fps)[:, 2] + gravity, 0.0)
+    ground = [tracker.targets.places[f"{side}_sole"][:, 2] for side in SIDES]
+    level = np.where(stands.all(axis=1), np.mean(ground, axis=0), np.where(stands[:, 0], *ground))
+    height = np.maximum(com[:, 2] - level, 1e-3)
+    half = 0.5 * min(float(np.ptp(body.soles[side][:, :2], axis=0).min()) for side in SIDES)
+    for first, last in runs(np.nan_to_num(distances) > 0.0):
+        here = slice(first, last)
+        lacks = float(np.sum(distances[here] * push[here] / height[here])) / fps
+        if lacks > SHARE * half * math.sqrt(gravity / float(height[here].mean())):
+            found.append(Beyond(first / fps, last / fps, lacks))
+    return tuple(found)
 
 
 def share_outside(distances: Vec) -> float:

@@ -20,7 +20,7 @@ from hqp.motion.body import Body
 from hqp.motion.centroidal import CentroidalPlan, Soles, Support, centroidal_plan, outside
 from hqp.motion.clip import accelerated
 from hqp.motion.contacts import LEVEL, runs
-from hqp.motion.dynamics import TAKES, centroidal, front, shifting, strong, supports_of, zmp_outside
+from hqp.motion.dynamics import TAKES, beyond, centroidal, front, shifting, strong, supports_of, zmp_outside
 from hqp.motion.joints import parts_of
 from hqp.motion.schedule import (
     BOTH,
@@ -578,6 +578,33 @@ def test_the_zmp_of_a_motion_is_that_of_its_ground_reaction(g1: hqp.robots.Robot
         force, moment = _wrench(g1, q, i, fps)
         line = np.append(np.array([-moment[1], moment[0]]) / force[2], 0.0)  # the force's line meets the ground there
         assert outside(supports[i], line, force, np.zeros(2)) == pytest.approx(measured[i], abs=4e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_times_that_no_forces_of_the_soles_carry(seed: int, g1: hqp.robots.Robot) -> None:
+    """G1 that is moved to and fro, beyond what its soles give by a drawn share, or within it."""
+    rng, fps = np.random.default_rng(seed), 120.0
+    found, body = find_map(None, g1), Body.of(g1, find_map(None, g1))
+    motion = stand(2.0).at_rate(fps)
+    targets = targets_of(motion, parts_of(motion.names, found.human), body)
+    tracker = Tracker(g1, Stacks(g1, found, body, 1.0 / fps, flat=True), targets)
+    stands = np.ones((len(targets), 2), dtype=bool)
+    (soles,) = supports_of(tracker, g1.home[None], stands[:1], ~stands[:1], margin=False)
+    com = g1.state(g1.home).com()
+    off = np.vstack([sole.corners for sole in soles])[:, 0] - com[0]
+    height = com[2] - soles[0].height
+    least, most = (-G / height * end for end in (off.max(), off.min()))
+    times: Any = np.arange(len(targets)) / fps
+    turns, size = 2.0 * np.pi * rng.uniform(0.8, 1.5), rng.uniform(0.3, 0.9) if seed % 3 == 0 else rng.uniform(2.0, 3.0)
+    moved = size * min(most, -least) / turns**2 * np.cos(turns * times)
+    q = np.repeat(g1.home[None], len(times), axis=0)
+    q[:, 0] += moved
+    push = -(turns**2) * moved
+    excess = np.maximum(push - most, 0.0) + np.maximum(least - push, 0.0)
+    lacks = [excess[a:b].sum() / fps for a, b in runs(excess > 0.0)]
+    told = beyond(tracker, q, stands, zmp_outside(tracker, q, stands, ~stands))
+    np.testing.assert_allclose([each.lacks for each in told], [x for x in lacks if x > 0.075], rtol=0.1)
+    assert bool(told) == (seed % 3 != 0)
 
 
 @pytest.fixture(scope="module", params=["talos", "cbi"])
