@@ -64,10 +64,8 @@ class Transition:
         sessions = [line.native for line in every]
         self.native: _session.Transition = native.Transition(sessions, way, over / last.dt, inner, self)
         first.lasting = True
-        self.names: frozenset[str] = frozenset(e.name for line in every for e in line.stack) | (
-            frozenset() if first.transition is None else first.transition.names
-        )
-        """Elements of all blended stacks, also of transitions under way."""
+        self.names: frozenset[str] = frozenset(e.name for line in every for e in line.stack)
+        """Elements of all blended stacks, but for those of transitions under way."""
         self.latest: bytearray | None = first.latest if first.transition is None else first.transition.latest
         """Record of the last command."""
         self.tick: Tick | None = None
@@ -82,13 +80,12 @@ class Transition:
         return self.native.depth
 
     def __contains__(self, name: str) -> bool:
-        return name in self.names
+        return name in self.names or (self.lines[0].transition is not None and name in self.lines[0].transition)
 
     def step(self, line: Line, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         """A tick between two stacks; line: the last one."""
-        names = [getattr(reference, "name", "") for reference in references]
-        if not self.names.issuperset(names):
-            stranger = next(r for r, name in zip(references, names, strict=True) if name not in self.names)
+        stranger = next((r for r in references if getattr(r, "name", "") not in self), None)
+        if stranger is not None:
             refuse(stranger, [element.name for element in line.stack])
         try:
             self._enter(line, state, references)

@@ -33,13 +33,12 @@ class Guarded : public SessionState {
     return tick_;
   }
 
-  // Move a blend of two sessions from the last command with limited jerk and at most `most` changes; return false
-  // if the stack limits no jerk.
+  bool limits_jerk() const { return bool(jerk_); }
+  // Move a blend of two sessions from the last command with limited jerk and at most `most` changes.
   template <class Report>
-  bool smooth(const double* last, double most, double* x, const Report& report) {
-    if (!jerk_) return false;
+  void smooth(const double* last, double most, double* x, const Report& report) {
     outgoing_.smooth(*jerk_, standstill_.from(false).angles, last, most, x, report);
-    return jerk_->sent(last, x), true;
+    jerk_->sent(last, x);
   }
 
  private:

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -54,26 +55,28 @@ class Ramp {
   // h of this tick, unless a command would change too fast.  wait: no further than before.
   double target(bool wait) const { return smooth(wait ? s_ : std::min(1.0, s_ + (spans_[at_] > 0.0 ? pace_ : 1.0))); }
 
-  // Write x on the line from a to b: at h, or nearer to a so that no command changes by more than its cap, if a point
-  // between the two allows that.  felt: the change follows a measured touch-down or lift-off, and the cap is added to
-  // the change of the answers themselves.  Return the largest change.
-  double blend(const double* a, const double* b, const double* last, double h, const Easing* ease, bool felt, double* x,
-               std::size_t n) {
+  // Write x on the line from a to b: at h, or nearer to a so that no command changes by more than its cap, if that is
+  // possible: see Segment::fastest.  felt: the change follows a measured touch-down or lift-off, and the cap is added
+  // to the change of the answers themselves.  follows: a jerk limiter follows the blend, which keeps its pace.  Return
+  // true if a command changes by more than most().
+  bool blend(const double* a, const double* b, const double* last, double h, const Easing* ease, bool felt,
+             bool follows, double* x, std::size_t n) {
     const auto weight_at = [&](double at) { return ease ? ease->weight(at) : at; };
     double weight = weight_at(h), s = inverse(h);
     if (s > s_) left_ -= 1.0;
-    double reach = between(a, b, last, weight, x, n);
+    const Segment line{a, b, last, caps_, motors_};
+    double reach = line.change(weight).size;
     most_ = 1.0;
-    if (reach > 1.0 && felt) most_ += between(a, b, last, weight_at(smooth(s_)), x, n);
-    if (reach > most_) {
+    if (reach > 1.0 && felt) most_ += line.change(weight_at(smooth(s_))).size;
+    if (reach > most_ && !follows) {
       const double least = weight_at(smooth(std::min(s, s_ + (left_ < 0.0 ? pace_ / kPatience : 0.0))));
-      const double fast = fastest(a, b, last, weight);
-      if (fast > 0.0) weight = std::max(least, fast);
+      weight = std::max(least, line.fastest(weight, most_));
       s = inverse(ease ? ease->share(weight) : weight);
+      reach = line.change(weight).size;
     }
-    reach = between(a, b, last, weight, x, n);
+    for (std::size_t i = 0; i < n; ++i) x[i] = a[i] + weight * (b[i] - a[i]);
     s_ = h >= 1.0 && weight >= 1.0 ? 1.0 : std::max(s_, s);
-    return reach;
+    return !follows && reach > most_ + kStill;
   }
   // Another command than the blend was sent: the pair does not end there.
   void limited() { s_ = std::min(s_, kNearly); }
@@ -90,28 +93,43 @@ class Ramp {
   }
 
  private:
-  double between(const double* a, const double* b, const double* last, double weight, double* x, std::size_t n) const {
-    for (std::size_t i = 0; i < n; ++i) x[i] = a[i] + weight * (b[i] - a[i]);
-    double largest = 0.0;
-    for (std::size_t k = 0; k < motors_.size(); ++k) {
-      const int i = motors_[k];
-      const double change = std::fabs(x[i] - last[i]) / caps_[k];
-      if (!(change <= largest)) largest = change;
+  // Commands a + weight (b - a), and their changes from the last ones.
+  struct Segment {
+    const double *a, *b, *last;
+    const std::vector<double>& caps;
+    const std::vector<int>& motors;
+
+    struct Change {
+      double size;  // in caps
+      bool grows;   // with the weight
+    };
+    // Largest change of a command.
+    Change change(double weight) const {
+      Change largest{0.0, false};
+      for (std::size_t k = 0; k < motors.size(); ++k) {
+        const int i = motors[k];
+        const double slope = b[i] - a[i], change = a[i] + weight * slope - last[i], size = std::fabs(change) / caps[k];
+        if (!(size <= largest.size)) largest = {size, (change > 0.0) == (slope > 0.0)};
+      }
+      return largest;
     }
-    return largest;
-  }
-  // The largest weight below the given one for which no command changes by more than most, 0 if there is none.
-  double fastest(const double* a, const double* b, const double* last, double weight) const {
-    double low = 0.0, high = weight;
-    for (std::size_t k = 0; k < motors_.size(); ++k) {
-      const int i = motors_[k];
-      const double difference = b[i] - a[i], size = std::fabs(difference) / caps_[k];
-      if (!(size > kStill)) continue;
-      const double reach = most_ / size, middle = -(a[i] - last[i]) / difference;
-      low = std::max(low, middle - reach), high = std::min(high, middle + reach);
+    // The largest weight up to the given one with changes of at most `most`, or beyond it by at most twice the least
+    // excess: a continuous function of the commands, which goes on if none of them is near the last one.
+    double fastest(double weight, double most) const {
+      double low = 0.0, high = weight;  // around the weight of the least change, of a convex function
+      for (int k = 0; k < std::numeric_limits<double>::digits; ++k) {
+        const double middle = 0.5 * (low + high);
+        (change(middle).grows ? high : low) = middle;
+      }
+      const double least = low, level = most + 2.0 * std::max(0.0, change(least).size - most);
+      for (std::size_t k = 0; k < motors.size(); ++k) {
+        const int i = motors[k];
+        const double slope = b[i] - a[i], size = std::fabs(slope) / caps[k];
+        if (size > kStill) weight = std::min(weight, level / size - (a[i] - last[i]) / slope);
+      }
+      return std::max(weight, least);
     }
-    return low <= high ? high : 0.0;
-  }
+  };
 
   double ticks_, left_, most_ = 1.0;
   std::vector<double> caps_;

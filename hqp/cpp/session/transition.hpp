@@ -307,8 +307,9 @@ class Transition {
   }
 
   void blend(Guarded& first, Guarded& second, const Tick& a, const Tick& b, double h) {
-    const double reach = ramp_.blend(a.x().data(), b.x().data(), x_.data(), h, easings_[ramp_.at()].get(), direct_,
-                                     tick_.x_.data(), x_.size());
+    const bool smooth = !leaving_ && last().limits_jerk();
+    const bool beyond = ramp_.blend(a.x().data(), b.x().data(), x_.data(), h, easings_[ramp_.at()].get(), direct_,
+                                    smooth, tick_.x_.data(), x_.size());
     tick_.note_count_ = 0;
     for (const Note& note : a.notes()) tick_.add(note);
     const bool waits = !sent_.waits.empty();  // the contact is still there: so are the dynamics of the first stack
@@ -324,9 +325,8 @@ class Transition {
         stands.outgoing().limit(*limiter, x_.data(), tick_.x_.data(),
                                 [&](const Note& note) { sent_.limited.push_back(note); });
     };
-    const bool smooth = !leaving_ && last().smooth(x_.data(), ramp_.most(), tick_.x_.data(),
-                                                   [&](const Note& note) { tick_.add(note); });
-    if (!smooth && reach > ramp_.most()) limit(&gradual_);
+    if (smooth) last().smooth(x_.data(), ramp_.most(), tick_.x_.data(), [&](const Note& note) { tick_.add(note); });
+    else if (beyond) limit(&gradual_);
     limit(stands.rates());
     if (!sent_.limited.empty()) ramp_.limited();
     take_limited();
