@@ -41,6 +41,16 @@ def file_path(owner: str, given: Any) -> Path:
     return Path(given)
 
 
+def file_bytes(owner: str, given: Any) -> bytes:
+    """Return the bytes of a file that ``export`` has written; raises DeclarationError if it cannot be read."""
+    path = file_path(owner, given)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        allowed = "a file that export has written"
+        raise DeclarationError(owner, f"no file: {error.strerror}", value=str(path), allowed=allowed) from error
+
+
 def _given(value: object) -> object:
     """Return the value as an error shows it, which leaves None out."""
     return "None" if value is None else value

@@ -17,7 +17,7 @@ from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.export.loaded import ACCELERATION, VALUE, VELOCITY
-from hqp.kinds import file_path
+from hqp.kinds import file_bytes
 from hqp.numbers import whole
 from hqp.problem import Status
 
@@ -99,7 +99,7 @@ class Batch:
     def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Batch:
         """Load worlds from a plan's file, without the robot's model; key and errors: see ``hqp.load``."""
         found = object.__new__(cls)
-        found._make(file_path("Batch", path).read_bytes(), count, threads, key)
+        found._make(file_bytes("Batch", path), count, threads, key)
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None = None) -> None:

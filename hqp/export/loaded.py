@@ -17,7 +17,7 @@ from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, HqpError, UnknownReference, closest
 from hqp.explanation.counters import Counters
 from hqp.explanation.notes import STATUSES, Note, of_native
-from hqp.kinds import file_path
+from hqp.kinds import file_bytes
 from hqp.loop.file import key_bytes
 from hqp.problem import Status
 
@@ -214,7 +214,7 @@ def load(path: str | os.PathLike[str], *, key: bytes | None = None, robot: Robot
     to control; refuse a plan of another one, by joint names, limits and masses.  Raises HqpError for these, for a
     damaged file and for one of another version.
     """
-    session = LoadedSession(file_path("load", path).read_bytes(), key)
+    session = LoadedSession(file_bytes("load", path), key)
     if robot is not None and session.fingerprint != (own := fingerprint(robot)):
         raise HqpError(
             f"the plan was written for another robot: it has fingerprint {session.fingerprint[:12]} ({session.robot}), "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +11,7 @@ from hqp import _session, dlpack
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.export.batch import BatchTick, chosen_worlds
+from hqp.kinds import file_bytes
 from hqp.loop.file import key_bytes, text
 from hqp.numbers import whole
 from hqp.policies.policy_filter import PolicyFilterSession
@@ -37,7 +37,7 @@ class PolicyFilters:
         key: see ``hqp.load``.
         """
         found = object.__new__(cls)
-        found._make(Path(path).read_bytes(), count, threads, key)
+        found._make(file_bytes("PolicyFilters", path), count, threads, key)
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None) -> None:

@@ -13,7 +13,7 @@ from hqp import _session
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.counters import Counters
 from hqp.export.batch import BatchTick, chosen_worlds
-from hqp.kinds import file_path, require
+from hqp.kinds import file_bytes, require
 from hqp.loop.file import key_bytes, text
 from hqp.numbers import whole
 from hqp.walking.footsteps import Command, Foothold, routed
@@ -36,7 +36,7 @@ class Walkers:
     def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0, key: bytes | None = None) -> Walkers:
         """Load walkers from the file of ``Walker.export``, without the robot's model; key: see ``hqp.load``."""
         found = object.__new__(cls)
-        found._make(file_path("Walkers", path).read_bytes(), count, threads, key)
+        found._make(file_bytes("Walkers", path), count, threads, key)
         return found
 
     def _make(self, file: bytes, count: int, threads: int, key: bytes | None) -> None:
