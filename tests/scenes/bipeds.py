@@ -25,6 +25,7 @@ def biped(
     pairs: bool = False,
     waist: tuple[str, ...] = (),
     rods: float = 0.0,
+    hips: float = 150.0,
     name: str = "biped",
 ) -> Path:
     """A file of a trunk on two legs, about size * 0.8 m tall and size^3 * 36 kg, with motors.
@@ -34,7 +35,8 @@ def biped(
     level in it, toes up [rad].  tilt: angle of the soles in the frames of their feet, toes down [rad].  ahead: distance
     of the soles' middle from the ankles, times size [m].  right_first: order of the legs.  ankles: their axes.  pairs:
     soles touch only the geom ``floor``, by pairs.  waist: axes of joints between the trunk and a pelvis that carries
-    both legs.  rods: radius of two lying cylinders on the lines at +-25 mm in place of a box, times size [m].
+    both legs.  hips: largest torque of the hips' roll, times size^4 [N m].  rods: radius of two lying
+    cylinders on the lines at +-25 mm in place of a box, times size [m].
     """
     s, rub = size, f'damping="{damping * size**4:.6g}" frictionloss="{dry * size**3:.6g}"'
     touch = 'contype="0" conaffinity="0"' if pairs else ""
@@ -80,7 +82,8 @@ def biped(
             2.0,
             (0.03, 0.03, 0.17),
         )
-        hip = "".join(hinge(f"{side}_h_{axis}", axis, 150.0) for axis in ("yaw", "roll", "pitch"))
+        most = {"yaw": 150.0, "roll": hips, "pitch": 150.0}
+        hip = "".join(hinge(f"{side}_h_{axis}", axis, limit) for axis, limit in most.items())
         return link(f"{side}_t", (0.0, y, 0.0), hip + shank, 4.0, (0.04, 0.04, 0.17))
 
     legs = [leg("u", 0.09), leg("w", -0.09)]

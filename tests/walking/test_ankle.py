@@ -147,8 +147,9 @@ def test_joints_that_a_step_overloads_are_named(name: str, seed: int) -> None:
     assert [why.split(" its ")[0] for why in named] == expected
     slow = Walker(robot, Gait(), deadline=math.inf)
     assert slow.gait == Gait()
-    assert walker.gait.period == pytest.approx((2.0 / 3.0 if expected else 1.0) * Gait().period)
-    assert [why for why in walker.why if why.startswith("steps take 0.50 s, not 0.75")] == [
+    assert walker.gait.single == pytest.approx((2.0 / 3.0 if expected else 1.0) * Gait().single)
+    assert walker.gait.double == pytest.approx(0.5 * walker.gait.single if expected else Gait().double)
+    assert [why for why in walker.why if why.startswith("steps take 0.60 s, not 0.75, 0.20 s of it on both feet")] == [
         why for why in walker.why if why not in slow.why
     ]
     assert len(walker.why) - len(slow.why) == bool(expected)

@@ -189,3 +189,26 @@ def test_joints_between_trunk_and_both_legs_belong_to_no_leg(waist: tuple[str, .
         course.step()
     assert not course.fallen
     assert course.plant.com()[0] - start[0] > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_hips_too_weak_for_one_foot_walk_with_more_time_on_both(seed: int, tmp_path: Path) -> None:
+    """Hips that lack 8 % of the torque: a quarter of the time on both feet did not throw the body back."""
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    robot, soles = loaded(biped(tmp_path, bend=0.5, hips=26.0))
+    walker = Walker(robot, soles=soles, deadline=math.inf)
+    assert any("u_h_roll needs 108 %" in why for why in walker.why)
+
+    def edit(spec: Any) -> None:
+        for body in spec.bodies:
+            body.mass, body.inertia = (1.1 - 0.2 * (seed % 2)) * body.mass, (1.1 - 0.2 * (seed % 2)) * body.inertia
+
+    course = course_of(walker, edit=edit, seed=seed)
+    walker.go(0.2)
+    while walker.time < 8.0:
+        if walker.time > 5.0:
+            walker.stop()
+        course.step()
+        assert not course.fallen
+    assert walker.phase == "stand"
