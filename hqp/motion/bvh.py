@@ -74,6 +74,9 @@ def _parsed(text: str) -> Motion:
         raise ValueError(f"the frames have a word that is not a number ({error})") from error
     if len(numbers) != count * width:
         raise ValueError(f"{len(numbers)} numbers, needed {count * width}: {count} frames of {width} channels")
+    unknown = np.flatnonzero(~np.isfinite(numbers))
+    if unknown.size:
+        raise ValueError(f"frame {unknown[0] // width} has a number that is not finite")
     return _placed(joints, numbers.reshape(count, width), _rate(head[2]))
 
 

@@ -131,7 +131,7 @@ def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
     heights = []
     for place in ankles if stands else own.values():
         speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * fps
-        slow = speed < max(0.3 * leg, float(np.quantile(speed, 0.2)))
+        slow = speed <= max(0.3 * leg, float(np.quantile(speed, 0.2)))
         heights.append(place[slow, 2])
     return np.array([0.0, 0.0, float(np.quantile(np.concatenate(heights), LOW))])
 

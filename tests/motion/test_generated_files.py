@@ -14,7 +14,7 @@ from hqp.motion.joints import parts_of
 from hqp.motion.person import joints_of, remarks, up_axis
 
 from .files import RATES, SCHEMES, UPS, laid, mirrored, renamed, strolling, write_turning_bvh
-from .people import NAMES, PARENTS, stand, write_npz
+from .people import NAMES, PARENTS, stand, write_bvh, write_npz
 
 
 def _written(path: Path, kind: str, motion: Motion, rng: np.random.Generator) -> Path:
@@ -129,6 +129,22 @@ def test_damaged_files_end_in_one_sentence(tmp_path: Path, kind: str) -> None:
             refused.append(str(error))
     assert len(refused) > 60
     assert not any("\n" in error for error in refused)
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "-1e999"])
+def test_a_number_that_is_none_is_named_by_its_frame(tmp_path: Path, word: str) -> None:
+    """In the middle of a drawn file."""
+    rng = np.random.default_rng(len(word))
+    path = write_bvh(tmp_path / "clip.bvh", stand(0.4))
+    lines = path.read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
+    frame = int(rng.integers(1, len(lines) - first))
+    words = lines[first + frame].split()
+    words[rng.integers(len(words))] = word
+    lines[first + frame] = " ".join(words)
+    path.write_text("\n".join(lines))
+    with pytest.raises(DeclarationError, match=f"frame {frame} has a number that is not finite"):
+        read_motion(path)
 
 
 @pytest.mark.parametrize("seed", range(12))

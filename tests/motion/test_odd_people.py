@@ -72,6 +72,19 @@ def test_the_floor_is_below_all_limbs_of_one_who_never_stands(seed: int) -> None
         assert not (foot > knee + 0.1 and found.contacts.resting[f"{side}_foot"].any())
 
 
+@pytest.mark.parametrize("frames", [2, 3, 8])
+def test_one_who_is_never_slow_has_a_floor(frames: int) -> None:
+    """Moved by 0.25 m a frame all along: the floor is below the feet all the same."""
+    still, body = stand(1.0), _g1()
+    moved = still.positions[:frames] + np.arange(frames)[:, None, None] * [0.25, 0.0, 0.0]
+    parts = parts_of(still.names)
+    one, other = (
+        targets_of(Motion(NAMES, places, still.fps, PARENTS), parts, body).places["left_sole"]
+        for places in (moved, still.positions[:frames])
+    )
+    np.testing.assert_allclose(one[:, 2], other[:, 2], atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_feet_of_one_who_never_stands_are_square_to_the_shanks(seed: int) -> None:
     """Toes recorded or not, legs straight or bent: no ankle turns as if the sole were level below the person."""
