@@ -291,16 +291,22 @@ class _Foot:
         return place + _rolled(R, yaw, self._pivot), R @ self._home, level
 
     def _edges(self, place: Mat, yaw: Vec, first: int, last: int) -> Vec:
-        """Height of the ground of both stances of a swing, less the distance of the foot from where it stands there."""
-        here = slice(first, last)
-        levels, own = [], _flat(self._leg.sole, yaw[here])
-        for end in (first - 1, last):
-            (stood,) = _flat(self._leg.sole, yaw[end : end + 1])
-            way = unit(place[here, :2] - place[end, :2])
-            near = np.einsum("tmi,ti->tm", own, way).min(axis=1) - (way @ stood.T).max(axis=1)
-            gap = np.sum(way * (place[here, :2] - place[end, :2]), axis=1) + near
-            levels.append(place[end, 2] - np.maximum(gap, 0.0))
-        return np.asarray(np.maximum(*levels))
+        """Least height of a foot between two stances: that of the ground while it is above it.
+
+        Beside a stance it falls with the distance from there, by 45 degrees or so steeply that it begins at the other.
+        Stances nearer than ``CLEAR`` overlap by the rest, as a robot's longer feet do.
+        """
+        here = slice(first - 1, last + 1)
+        outlines, levels = _flat(self._leg.sole, yaw[here]), []
+        for own, other in ((0, -1), (-1, 0)):
+            off = place[here, :2] - place[here][own, :2]
+            way = unit(off)
+            gap = np.sum(way * off, axis=1) - (way @ outlines[own].T).max(axis=1)
+            gap += np.einsum("tmi,ti->tm", outlines, way).min(axis=1)
+            gap -= min(0.0, float(gap[other]) - CLEAR)
+            rise = float(place[here][own, 2] - place[here][other, 2])
+            levels.append(place[here][own, 2] - max(1.0, rise / float(gap[other])) * np.maximum(gap, 0.0))
+        return np.asarray(np.maximum(*levels))[1:-1]
 
 
 def _flat(outline: Mat, yaw: Vec) -> Mat:
