@@ -20,8 +20,9 @@ from hqp.walking.footsteps import LEFT, Foothold, rotation
 if TYPE_CHECKING:
     from hqp.declare.robot import State
 
-EDGE = 0.005
-"""Margin of the ZMP to the edge of the support, beyond that of the centres of pressure [m]."""
+EDGE, PART = 0.005, 0.6
+"""Margin of the ZMP to the edge of the support, beyond that of the centres of pressure [m], and its limit as a share of
+that: a biped on soles of +-9 mm, whose ankles had +-1 mm for the balance, fell."""
 
 MARGIN, SHARE = 0.01, 0.3
 """Margin of the centre of pressure to the edge of a sole [m], and its limit as a share of the sole's half width."""
@@ -84,7 +85,7 @@ class Foot:
 
 def _inner(corners: tuple[tuple[float, float], ...], margin: float) -> tuple[tuple[float, float], ...]:
     """Corners of the part of a sole that may have the ZMP."""
-    return shrunk(shrunk(corners, margin), EDGE)
+    return shrunk(shrunk(corners, margin), min(EDGE, PART * margin))
 
 
 def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]:

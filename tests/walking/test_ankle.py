@@ -16,14 +16,14 @@ from hqp.robots.knees import knee
 from hqp.tasks.polygons import shrunk
 from hqp.walking import Gait, Walker, Walkers
 from hqp.walking.ankle import RESERVE, supporting
-from hqp.walking.feet import EDGE, Foot, feet_of
+from hqp.walking.feet import EDGE, PART, Foot, feet_of
 
 NAMES = "g1", "talos", "romeo", "icub"
 
 
 def sole_of(foot: Foot) -> Any:
     """Corners of the support that the sole alone allows."""
-    return shrunk(shrunk(foot.corners, foot.margin), EDGE)
+    return shrunk(shrunk(foot.corners, foot.margin), min(EDGE, PART * foot.margin))
 
 
 def ankle(robot: Any, foot: Foot) -> Any:

@@ -199,13 +199,32 @@ def test_hips_too_weak_for_one_foot_walk_with_more_time_on_both(seed: int, tmp_p
     robot, soles = loaded(biped(tmp_path, bend=0.5, hips=26.0))
     walker = Walker(robot, soles=soles, deadline=math.inf)
     assert any("u_h_roll needs 108 %" in why for why in walker.why)
+    walks(course_of(walker, edit=scaled(1.1 - 0.2 * (seed % 2)), seed=seed), 0.2)
+
+
+@pytest.mark.slow
+def test_ankles_balance_on_narrow_soles(tmp_path: Path) -> None:
+    """Soles of +-9 mm: without a share as its limit the margin to their edge left +-1 mm."""
+    course_of = pytest.importorskip("hqp.walking.course").Course
+    robot, soles = loaded(biped(tmp_path, size=0.35, bend=0.5, rods=0.01))
+    walker = Walker(robot, soles=soles, deadline=math.inf)
+    walks(course_of(walker, edit=scaled(1.1), seed=0), 0.06, turn=0.25)
+
+
+def scaled(factor: float) -> Any:
+    """An edit of a plant's bodies: their masses times a factor."""
 
     def edit(spec: Any) -> None:
         for body in spec.bodies:
-            body.mass, body.inertia = (1.1 - 0.2 * (seed % 2)) * body.mass, (1.1 - 0.2 * (seed % 2)) * body.inertia
+            body.mass, body.inertia = factor * body.mass, factor * body.inertia
 
-    course = course_of(walker, edit=edit, seed=seed)
-    walker.go(0.2)
+    return edit
+
+
+def walks(course: Any, forward: float, turn: float = 0.0) -> None:
+    """Walk for 5 s and stop, without a fall."""
+    walker = course.walker
+    walker.go(forward, turn=turn)
     while walker.time < 8.0:
         if walker.time > 5.0:
             walker.stop()
