@@ -29,6 +29,7 @@ from hqp.problem.graded import Errors, is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import Above, Coordinates, is_met, stack_rows
+from hqp.problem.to_bounds import motion_to_bounds
 from hqp.tolerances import LOCK_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
@@ -61,16 +62,25 @@ class Walk:
     """Yield the stages of a hierarchy from first to last, each below the results of those before it."""
 
     def __init__(
-        self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool, turned: Mat | None = None
+        self,
+        problem: Hierarchy,
+        x: Vec,
+        tolerance: float,
+        known: Mat | None,
+        settled: bool,
+        turned: Mat | None = None,
+        free: Mat | None = None,
     ) -> None:
         """x: the answer.  known: ``(levels, n)`` stage points, NaN if the reference solver is to find them, or with
-        ``settled`` if those of priced levels are believed to be x.  turned: ``(rows, n)``, the error of every row."""
+        ``settled`` if those of priced levels are believed to be x.  turned: ``(rows, n)``, the error of every row.
+        free: ``(n, r)``, directions that no level sees."""
         self._problem, self._x, self._tolerance, self._settled = problem, x, tolerance, settled
         self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
         self._at = Coordinates.of(problem.motion, problem.n)
         self._above, self._last = Above.none(problem.n), x
         self._start = np.zeros(x.size)  # of searches: a way from an answer far away would leave its rounding
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
+        self._free = np.zeros((x.size, 0)) if free is None else free
         self._turned = np.zeros((sum(rows.m for rows in problem.levels), x.size)) if turned is None else turned
 
     def __iter__(self) -> Iterator[Stage]:
@@ -98,6 +108,15 @@ class Walk:
     def below(self) -> Judge:
         """The judge of the completion, after the last stage."""
         return _judge(self._completed(), Coordinates.of(None, self._x.size), self._x, self._tolerance)
+
+    def _off(self, judge: Judge, x: Vec) -> float:
+        """How far a stage point is outside of S, and from there."""
+        outside = float(_outside(self._above.hard, x).max(initial=0.0))
+        return max(outside, _to_bounds(self._above, judge, x, self._free))
+
+    def to_bounds(self, judge: Judge, x: Vec) -> float:
+        """How far the answer is from the rows that all stages leave, see hqp.problem.to_bounds; judge: of `below`."""
+        return _to_bounds(self._above, judge, x, self._free)
 
     def outside(self, x: Vec) -> Vec:
         """Distance of x from the rows of each level, ``(levels,)``, relative to their terms."""
@@ -191,7 +210,9 @@ class Walk:
             gap, shares = _judged(judge, *parts, SHORTER)
         forces[self._above.places] = scale * shares
         forces[forces.size - rows.m :] = u
-        gap = max(gap, float(_outside(self._above.hard, x).max(initial=0.0)))
+        gap = max(
+            gap, float(_outside(self._above.hard, x).max(initial=0.0)), _to_bounds(self._above, judge, x, self._free)
+        )
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met, judge.rounding)
 
     def _graded(self, judge: Judge, k: int, rows: Rows, x: Vec, price: float) -> Stage:
@@ -233,7 +254,9 @@ class Walk:
             forces[anchor.places] = counts / m * anchor.rows.slack(x) / anchor.give
         forces[self._above.places] = shares / m
         forces[forces.size - rows.m :] = w / m
-        gap = max(gap, float(_outside(self._above.hard, x).max(initial=0.0)))
+        gap = max(
+            gap, float(_outside(self._above.hard, x).max(initial=0.0)), _to_bounds(self._above, judge, x, self._free)
+        )
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0, judge.rounding)
 
 
@@ -311,6 +334,10 @@ def _outside(rows: Rows, x: Vec) -> Vec:
     real = lengths > ROUNDING * lengths.max(initial=0.0)
     off = np.maximum(np.abs(rows.slack(x)) - NULL_SPACE_ROUNDING * float(np.linalg.norm(x)) * lengths, 0.0)
     return np.divide(off, lengths + terms(A, x), out=np.zeros(rows.m), where=real)
+
+
+def _to_bounds(above: Above, judge: Judge, x: Vec, free: Mat) -> float:
+    return motion_to_bounds([above.hard], x, judge, free, more=above.moved.max(axis=1, initial=0.0))
 
 
 def _asks(rows: Rows, n: int) -> bool:
