@@ -110,13 +110,13 @@ class Walk:
         return _judge(self._completed(), Coordinates.of(None, self._x.size), self._x, self._tolerance)
 
     def _off(self, judge: Judge, x: Vec) -> float:
-        """How far a stage point is outside of S, and from there."""
-        outside = float(_outside(self._above.hard, x).max(initial=0.0))
-        return max(outside, _to_bounds(self._above, judge, x, self._free))
+        """Distance of a stage point from S."""
+        return max(float(_outside(self._above.hard, x).max(initial=0.0)), self.to_bounds(judge, x))
 
     def to_bounds(self, judge: Judge, x: Vec) -> float:
-        """How far the answer is from the rows that all stages leave, see hqp.problem.to_bounds; judge: of `below`."""
-        return _to_bounds(self._above, judge, x, self._free)
+        """Distance from the bounds of the rows that the stages so far leave, see hqp.problem.to_bounds."""
+        more = self._above.moved.max(axis=1, initial=0.0)
+        return motion_to_bounds([self._above.hard], x, judge, self._free, more=more)
 
     def outside(self, x: Vec) -> Vec:
         """Distance of x from the rows of each level, ``(levels,)``, relative to their terms."""
@@ -210,9 +210,7 @@ class Walk:
             gap, shares = _judged(judge, *parts, SHORTER)
         forces[self._above.places] = scale * shares
         forces[forces.size - rows.m :] = u
-        gap = max(
-            gap, float(_outside(self._above.hard, x).max(initial=0.0)), _to_bounds(self._above, judge, x, self._free)
-        )
+        gap = max(gap, self._off(judge, x))
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met, judge.rounding)
 
     def _graded(self, judge: Judge, k: int, rows: Rows, x: Vec, price: float) -> Stage:
@@ -254,9 +252,7 @@ class Walk:
             forces[anchor.places] = counts / m * anchor.rows.slack(x) / anchor.give
         forces[self._above.places] = shares / m
         forces[forces.size - rows.m :] = w / m
-        gap = max(
-            gap, float(_outside(self._above.hard, x).max(initial=0.0)), _to_bounds(self._above, judge, x, self._free)
-        )
+        gap = max(gap, self._off(judge, x))
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0, judge.rounding)
 
 
@@ -334,10 +330,6 @@ def _outside(rows: Rows, x: Vec) -> Vec:
     real = lengths > ROUNDING * lengths.max(initial=0.0)
     off = np.maximum(np.abs(rows.slack(x)) - NULL_SPACE_ROUNDING * float(np.linalg.norm(x)) * lengths, 0.0)
     return np.divide(off, lengths + terms(A, x), out=np.zeros(rows.m), where=real)
-
-
-def _to_bounds(above: Above, judge: Judge, x: Vec, free: Mat) -> float:
-    return motion_to_bounds([above.hard], x, judge, free, more=above.moved.max(axis=1, initial=0.0))
 
 
 def _asks(rows: Rows, n: int) -> bool:
