@@ -23,12 +23,6 @@ NULL_SPACE_ROUNDING = 4e-15
 """Rounding of a row's terms and of rows of unit length; a gap has it times their multipliers, and over the shortest
 direction they fix."""
 
-ROW_ERROR = 2e-13
-"""Share of a row's length and terms: error of its value and its bound."""
-
-RESTS = 1e-3
-"""Cost of a motion along directions that no level sees, relative to others."""
-
 LARGEST_ROUNDING = 5e-7
 """Largest effect of rounding on a gap, for any length of a direction."""
 

@@ -30,14 +30,12 @@ from hqp.problem.graded import Errors, is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.null_directions import without_rounding
 from hqp.problem.stage_conditions import Walk
-from hqp.problem.to_bounds import motion_to_bounds
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
     EITHER_RANK,
     LOCK_TOLERANCE,
     NULL_SPACE_ROUNDING,
     ROUNDING,
-    ROW_ERROR,
     SMALLEST_LOCK,
 )
 
@@ -53,8 +51,7 @@ class Certificate:
     length by more than 100 (see graded), the gap is the reduction of a row by the step to the best point on the face of
     the active rows, relative to the row's length, or the gradient there, divided by the sum of the row pulls that the
     face cannot meet: errors in directions that only short rows determine show as well.  A row above that this step
-    reaches before it reduces a row by the tolerance is active.  The last gap is at least the motion to the bounds of
-    rows that x misses by more than their error (hqp.problem.to_bounds).
+    reaches before it reduces a row by the tolerance is active.
     norms: ``(levels,)``, ||w_k||.
     ranks: ``(levels + 1,)``, directions that each level fixed.  multipliers: per level k ``(m_0 +... + m_k,)``, as in
     Solution.multipliers.  rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made
@@ -108,8 +105,8 @@ def certificate(
 
     def judged(at: Vec) -> Certificate:
         if problem.priced:
-            return _priced(problem, at, tolerance, stages, settled, given, choice.Z)
-        return _exact(problem, at, tolerance, choice.Z)
+            return _priced(problem, at, tolerance, stages, settled, given)
+        return _exact(problem, at, tolerance)
 
     points = choice.within()  # equal to x in all directions that levels determine: one that passes is a proof
     found = judged(next(points))
@@ -124,9 +121,8 @@ def certificate(
     return replace(found, gaps=gaps)
 
 
-def _exact(problem: Hierarchy, x: Vec, tolerance: float, free: Mat, stop: int | None = None) -> Certificate:
-    """The verdict on an exact hierarchy; free: ``(n, r)``, directions that no level sees; stop: on its first levels
-    alone, without completion."""
+def _exact(problem: Hierarchy, x: Vec, tolerance: float, stop: int | None = None) -> Certificate:
+    """The verdict on an exact hierarchy; stop: on its first levels alone, without completion."""
     first: Certificate | None = None
     for rank in (
         CERTIFIED_RANK_TOLERANCE,
@@ -134,7 +130,7 @@ def _exact(problem: Hierarchy, x: Vec, tolerance: float, free: Mat, stop: int | 
         CERTIFIED_RANK_TOLERANCE * EITHER_RANK,
     ):
         for lock in (max(LOCK_TOLERANCE, 10.0 * tolerance), SMALLEST_LOCK):
-            verdict, unclear = _verdict(problem, x, tolerance, lock, rank, free, stop)
+            verdict, unclear = _verdict(problem, x, tolerance, lock, rank, stop)
             if verdict.ok:
                 return verdict
             first = first or verdict
@@ -145,26 +141,20 @@ def _exact(problem: Hierarchy, x: Vec, tolerance: float, free: Mat, stop: int | 
 
 
 def _priced(
-    problem: Hierarchy,
-    x: Vec,
-    tolerance: float,
-    stages: Mat | None,
-    settled: bool,
-    given: Hierarchy,
-    free: Mat,
+    problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool, given: Hierarchy
 ) -> Certificate:
     """Above the first level that is not met the exact conditions at x; from there on, and of every price, stages.
 
-    given: the problem with the rounding of its rows.  free: ``(n, r)``, directions that no level sees."""
+    given: the problem with the rounding of its rows."""
     problem, count = _without_rounding_levels(problem), len(problem.levels)
     if stages is not None and stages.shape != (count, problem.n):
         raise ProblemError(f"certificate: stages must be {(count, problem.n)}, given {stages.shape}")
     pairs = zip(given.levels, problem.levels, strict=True)
     turned = np.concatenate([rows.dense(x.size) - clean.dense(x.size) for rows, clean in pairs])
-    walk = Walk(problem, x, tolerance, stages, settled, turned, free)
+    walk = Walk(problem, x, tolerance, stages, settled, turned)
     found = list(walk)
     first = next((k for k, stage in enumerate(found) if stage.unmet), None)
-    exact = _exact(problem.exact(), x, tolerance, free, first)
+    exact = _exact(problem.exact(), x, tolerance, first)
     if first is None:
         gaps = np.maximum(exact.gaps, [*(stage.gap for stage in found), 0.0])
         rounding = np.maximum(exact.rounding, [*(stage.rounding for stage in found), 0.0])
@@ -172,9 +162,8 @@ def _priced(
     gaps = np.array([max(stage.gap, out) for stage, out in zip(found, walk.outside(x), strict=True)])
     gaps[:first] = np.maximum(gaps[:first], exact.gaps)
     gap, last = completion_gap(problem, x, judge := walk.below())
-    gap = max(gap, walk.to_bounds(judge, x))
-    left = [*(stage.free for stage in found[first:]), judge.Z.shape[1]]
-    ranks = (*exact.ranks, *(before - after for before, after in pairwise(left)), last)
+    free = [*(stage.free for stage in found[first:]), judge.Z.shape[1]]
+    ranks = (*exact.ranks, *(before - after for before, after in pairwise(free)), last)
     norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
     multipliers = (*exact.multipliers, *(stage.multipliers for stage in found[first:]))
     rounding = np.array([*(stage.rounding for stage in found), judge.choice_rounding])
@@ -196,12 +185,12 @@ def _without_rounding_levels(problem: Hierarchy) -> Hierarchy:
 
 
 def _verdict(
-    problem: Hierarchy, x: Vec, tolerance: float, lock: float, rank: float, free: Mat, stop: int | None
+    problem: Hierarchy, x: Vec, tolerance: float, lock: float, rank: float, stop: int | None
 ) -> tuple[Certificate, bool]:
     """The certificate under one reading of locks and ranks; also return true if another reading of a rank is
     possible."""
     judge = Judge(problem.n, tolerance, lock, rank)
-    gaps, norms, ranks, multipliers, rounding, left = [], [], [], [], [], []
+    gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
     every = [row_lengths(A) for A in dense]
     zero = ROUNDING * max((float(lengths.max(initial=0.0)) for lengths in every), default=0.0)
@@ -217,11 +206,9 @@ def _verdict(
         if is_graded(lengths, zero) and np.any(missed):
             own = np.where(lengths > zero, lengths, 0.0)
             gap, shares = judge.judge_graded(A, rows, missed, own, x, Errors.none(rows.m))
-            left.append(0.0)
         else:
             counted, before = (missed != 0.0) | rows.equality, 0.0
             pull, at = A.T @ missed, (A, rows, missed, sizes, counted, x)
-            left.append(judge.left_by(pull, scale, rows, A, lengths, ROW_ERROR * (lengths + sizes), x))
             gap, shares = judge.judge(pull, scale)
             fall = judge.fall(*at) if longest > 0.0 else 0.0
             if max(gap, fall) > tolerance + judge.rounding:
@@ -240,8 +227,6 @@ def _verdict(
         gaps.append(gap)
         ranks.append(last)
         rounding.append(judge.choice_rounding)
-    if gaps:
-        gaps[-1] = max(gaps[-1], motion_to_bounds(problem.levels[:stop], x, judge, free, left))
     found = Certificate(
         np.array(gaps), tolerance, np.array(norms), tuple(ranks), tuple(multipliers), np.array(rounding)
     )

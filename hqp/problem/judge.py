@@ -198,15 +198,6 @@ class Judge:
             shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
         return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
 
-    def left_by(self, pull: Vec, scale: float, rows: Rows, A: Mat, lengths: Vec, slop: Vec, x: Vec) -> float:
-        """Length of what multipliers leave of a gradient, those of the level's own met rows at a bound included."""
-        if not pull.any():
-            return 0.0
-        value, real = A @ x, lengths > 0.0
-        side = 1.0 * (np.abs(value - rows.upper) <= slop) - (np.abs(value - rows.lower) <= slop)
-        own = np.flatnonzero((side != 0.0) & real & ~rows.equality)
-        return scale * self.judge(pull, scale, own, (side / np.where(real, lengths, 1.0))[own, None] * A[own])[0]
-
     def descend(
         self,
         A: Mat,

@@ -29,7 +29,6 @@ from hqp.problem.graded import Errors, is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import Above, Coordinates, is_met, stack_rows
-from hqp.problem.to_bounds import motion_to_bounds
 from hqp.tolerances import LOCK_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
@@ -62,25 +61,16 @@ class Walk:
     """Yield the stages of a hierarchy from first to last, each below the results of those before it."""
 
     def __init__(
-        self,
-        problem: Hierarchy,
-        x: Vec,
-        tolerance: float,
-        known: Mat | None,
-        settled: bool,
-        turned: Mat | None = None,
-        free: Mat | None = None,
+        self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool, turned: Mat | None = None
     ) -> None:
         """x: the answer.  known: ``(levels, n)`` stage points, NaN if the reference solver is to find them, or with
-        ``settled`` if those of priced levels are believed to be x.  turned: ``(rows, n)``, the error of every row.
-        free: ``(n, r)``, directions that no level sees."""
+        ``settled`` if those of priced levels are believed to be x.  turned: ``(rows, n)``, the error of every row."""
         self._problem, self._x, self._tolerance, self._settled = problem, x, tolerance, settled
         self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
         self._at = Coordinates.of(problem.motion, problem.n)
         self._above, self._last = Above.none(problem.n), x
         self._start = np.zeros(x.size)  # of searches: a way from an answer far away would leave its rounding
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
-        self._free = np.zeros((x.size, 0)) if free is None else free
         self._turned = np.zeros((sum(rows.m for rows in problem.levels), x.size)) if turned is None else turned
 
     def __iter__(self) -> Iterator[Stage]:
@@ -108,15 +98,6 @@ class Walk:
     def below(self) -> Judge:
         """The judge of the completion, after the last stage."""
         return _judge(self._completed(), Coordinates.of(None, self._x.size), self._x, self._tolerance)
-
-    def _off(self, judge: Judge, x: Vec) -> float:
-        """Distance of a stage point from S."""
-        return max(float(_outside(self._above.hard, x).max(initial=0.0)), self.to_bounds(judge, x))
-
-    def to_bounds(self, judge: Judge, x: Vec) -> float:
-        """Distance from the bounds of the rows that the stages so far leave, see hqp.problem.to_bounds."""
-        more = self._above.moved.max(axis=1, initial=0.0)
-        return motion_to_bounds([self._above.hard], x, judge, self._free, more=more)
 
     def outside(self, x: Vec) -> Vec:
         """Distance of x from the rows of each level, ``(levels,)``, relative to their terms."""
@@ -210,7 +191,7 @@ class Walk:
             gap, shares = _judged(judge, *parts, SHORTER)
         forces[self._above.places] = scale * shares
         forces[forces.size - rows.m :] = u
-        gap = max(gap, self._off(judge, x))
+        gap = max(gap, float(_outside(self._above.hard, x).max(initial=0.0)))
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met, judge.rounding)
 
     def _graded(self, judge: Judge, k: int, rows: Rows, x: Vec, price: float) -> Stage:
@@ -252,7 +233,7 @@ class Walk:
             forces[anchor.places] = counts / m * anchor.rows.slack(x) / anchor.give
         forces[self._above.places] = shares / m
         forces[forces.size - rows.m :] = w / m
-        gap = max(gap, self._off(judge, x))
+        gap = max(gap, float(_outside(self._above.hard, x).max(initial=0.0)))
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0, judge.rounding)
 
 
