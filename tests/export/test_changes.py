@@ -16,11 +16,11 @@ from hqp.export.loaded import LoadedSession
 from hqp.loop.file import text
 from hqp.solvers.lexicographic import kernel
 from tests.scenes.changes import lifted, smooth
+from tests.scenes.one_loop import DT, Loop
 from tests.scenes.stacks import FORMULATIONS
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 
-DT = 0.002
 HELD: tuple[tuple[Any, dict[str, str]], ...] = (
     (t.Position, {"frame": "tool0", "name": "hand"}),
     (t.Orientation, {"frame": "tool0", "name": "turn"}),
@@ -28,50 +28,22 @@ HELD: tuple[tuple[Any, dict[str, str]], ...] = (
 )
 
 
-class Pair:
-    """A session of Python and one of a file on one loop: the same states, references and changes."""
-
-    def __init__(self, robot: Any, stacks: dict[str, Stack], formulation: Any, **more: Any) -> None:
-        self.robot, self.stacks = robot, stacks
-        self.run = hqp.Controller(stacks[""], formulation, deadline=np.inf, **more).session(robot, DT)
-        others = {name: stack for name, stack in stacks.items() if name}
-        self.file = LoadedSession(text(self.run, stacks=others))
-        self.batch = hqp.Batch(self.run.controller, robot, 3, DT, threads=2, stacks=others)
-        self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
-        self.deepest, self.ticks, self.measured = 0, 0, False
-
-    def change(self, name: str, over: float) -> None:
-        self.run.change(self.stacks[name], over)
-        self.file.change(name, over)
-        self.batch.change(name, over, [0, 2])  # the one between them stays
+class Pair(Loop):
+    """All three give the same bits, and the same notes."""
 
     def step(self, *references: hqp.Reference, bad: bool = False) -> hqp.Tick:
-        q = np.full_like(self.q, np.nan) if bad else self.q
-        known = [reference for reference in references if reference.name in self.run]
-        tick = self.run.step(self.robot.state(q, self.v), *known)
-        for reference in known:
-            if reference.load is not None:
-                self.file.load(reference.name, reference.load)
-        targets = {r.name: r.value for r in known if r.value is not None}
-        found = self.file.step(q, self.v, targets)
-        self.measured = self.measured or any(reference.load is not None for reference in known)
-        if not self.measured:  # worlds take no loads
-            repeated = {name: np.tile(value, (3, *([1] * value.ndim))) for name, value in targets.items()}
-            worlds = self.batch.step(np.tile(q, (3, 1)), np.tile(self.v, (3, 1)), repeated)
-            for k in (0, 2):
-                np.testing.assert_array_equal(worlds.x[k], tick.x, err_msg=f"tick {self.ticks} of world {k}")
-                assert worlds.statuses()[k] is tick.status
+        tick, found, worlds = self.answers(*references, bad=bad)
         where = f"tick {self.ticks}"
+        if worlds is not None:
+            for k in self.changed:
+                np.testing.assert_array_equal(worlds.x[k], tick.x, err_msg=f"{where} of world {k}")
+                assert worlds.statuses()[k] is tick.status
         np.testing.assert_array_equal(found.x, tick.x, err_msg=where)
         np.testing.assert_array_equal(found.command, tick.command, err_msg=where)
         assert (found.status, found.held, found.transition) == (tick.status, tick.held, tick.transition), where
         told = tuple(note for note in tick.notes if not note.detail.startswith("requested "))
         assert set(found.notes) == set(told), where
-        line = self.run.line
-        self.deepest = max(self.deepest, 0 if line.transition is None else line.transition.depth)
-        self.ticks += 1
-        if not bad:
-            self.q, self.v = tick.advance()
+        self.advance(tick, bad=bad)
         return tick
 
 
