@@ -155,7 +155,7 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     hands = _hands_p99(tracker, q), _hands_p99(tracker, again.q)
     missed = float(np.linalg.norm(reached - com, axis=1).max())
     shift = np.asarray(np.linalg.norm(com - own, axis=1))
-    shares, lacks = (share_outside(before), share_outside(after)), beyond(tracker, again.q, stands, after)
+    shares, lacks = (share_outside(before), share_outside(after)), beyond(tracker, reached, stands, after)
     return again, Dynamics(stands, toes, com, rate, push, zmp, shift, shares, hands, missed, lacks)
 
 
@@ -258,16 +258,15 @@ def zmp_outside(tracker: Tracker, q: Mat, stands: Mask, toes: Mask) -> Vec:
     return found
 
 
-def beyond(tracker: Tracker, q: Mat, stands: Mask, distances: Vec) -> tuple[Beyond, ...]:
+def beyond(tracker: Tracker, com: Mat, stands: Mask, distances: Vec) -> tuple[Beyond, ...]:
     """Times in which forces that stay on the soles miss the CoM's speed by more than the ankle makes up for later.
 
-    distances ``(T,)`` [m]: those of ``zmp_outside``.  A force d outside a sole accelerates the CoM by d f / (m h) more
-    than it can, with the load f and the height h above the soles.  The ankle moves the force by ``SHARE`` of half a
-    sole: enough for that times the pendulum's frequency.
+    com ``(T, 3)`` [m]; distances ``(T,)`` [m]: the result of ``zmp_outside``.  A force d outside a sole accelerates the
+    CoM by d f / (m h) more than it can, with the load f and the height h above the soles.  The ankle moves the force by
+    ``SHARE`` of half a sole: enough for that times the pendulum's frequency.
     """
-    robot, body, fps = tracker.robot, tracker.stacks.body, tracker.targets.fps
-    gravity, found = float(-robot.gravity[2]), []
-    com, _ = centroidal(robot, q, fps)
+    body, fps = tracker.stacks.body, tracker.targets.fps
+    gravity, found = float(-tracker.robot.gravity[2]), []
     push = np.maximum(accelerated(com, fps)[:, 2] + gravity, 0.0)
     ground = [tracker.targets.places[f"{side}_sole"][:, 2] for side in SIDES]
     level = np.where(stands.all(axis=1), np.mean(ground, axis=0), np.where(stands[:, 0], *ground))
