@@ -84,7 +84,7 @@ class CentroidalPlan:
     """com, velocity, acceleration ``(n, 3)`` [m, m/s, m/s^2] and zmp ``(n, 2)`` [m], NaN in flight.
 
     outside: distance by which a sole's forces leave it ``(n,)`` [m], above 0 only if no plan keeps them inside.
-    shares: of each node the shares of its soles beyond the first in the load.
+    shares: for each node the load of its soles but the first, as shares.
     """
 
     com: Mat
@@ -124,8 +124,8 @@ def centroidal_plan(
     ``(n, 3)`` [m], supports: the soles of each node.  gravity [m/s^2].  spin ``(n, 2)``: dL/dt / m about x and y, the
     angular momentum's rate over the mass [m^2/s^2], 0 for None.  shares: loads of a plan before, in proportion to which
     soles push, for soles at two heights that push against each other turn the body; equal ones for None.  The plan
-    turns with the motion.  Raises HqpError
-    without a solver (Kajita et al. 2003, there with the ZMP tracked; Winkler et al. 2017, vertical motion first).
+    turns with the motion.  Raises HqpError without a solver (Kajita et al. 2003, there with the
+    ZMP tracked; Winkler et al. 2017, vertical motion first).
     """
     n = len(com) - 1
     z = _height(com[:, 2], supports, dt, gravity, highest)

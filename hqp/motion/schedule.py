@@ -291,9 +291,9 @@ class _Foot:
         return place + _rolled(R, yaw, self._pivot), R @ self._home, level
 
     def _edges(self, place: Mat, yaw: Vec, first: int, last: int) -> Vec:
-        """Least height of a foot between two stances: that of the ground while it is above it.
+        """Least height of a foot between two stances: the height of the ground while the foot is above it.
 
-        Beside a stance it falls with the distance from there, by 45 degrees or so steeply that it begins at the other.
+        Beside a stance it falls with the distance, by 45 degrees, or more steeply so that it ends at the other stance.
         Stances nearer than ``CLEAR`` overlap by the rest, as a robot's longer feet do.
         """
         here = slice(first - 1, last + 1)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from hqp.declare.robot import State
 
 EDGE, PART = 0.005, 0.6
-"""Margin of the ZMP to the edge of the support, beyond that of the centres of pressure [m], and its limit as a share of
-that: a biped on soles of +-9 mm, whose ankles had +-1 mm for the balance, fell."""
+"""Margin of the ZMP to the edge of the support, beyond the margin of the centres of pressure [m], and its limit as a
+share of the latter: a biped on soles of +-9 mm, whose ankles had +-1 mm for the balance, fell."""
 
 MARGIN, SHARE = 0.01, 0.3
 """Margin of the centre of pressure to the edge of a sole [m], and its limit as a share of the sole's half width."""

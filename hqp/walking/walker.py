@@ -52,8 +52,8 @@ LIFT = 0.1
 0.23 m, fell with 50 mm, since its joints brake fast knees."""
 
 REGAINS = 0.5
-"""Time on both feet as a share of that on one, if a step overloads a joint: the body that a weak hip lets fall there
-is thrown back on both feet.  With 0.25 a biped falls within 4 s whose hips lack 8 % of the torque."""
+"""Time on both feet as a share of the time on one, if a step overloads a joint: the body that a weak hip lets fall
+there is thrown back on both feet.  With 0.25 a biped falls within 4 s whose hips lack 8 % of the torque."""
 
 PHASES = "stand", "shift", "swing"
 
@@ -84,9 +84,9 @@ class Walker:
     of the left and the right sole, those of the catalogue for None.  friction: mu of the ground.  limits: limits of
     joints, of all but those of the legs if it names none, None for none.  bandwidth: noise of measured rates above it
     does not reach the torques, inf for rates as measured [1/s].  price, deadline: arguments of Controller.  max_age:
-    as in ``Controller.session``.  Without a usable answer it goes on with the next one, ``Braking(resume="auto")``: a
-    biped that waits for a person falls.  Raises DeclarationError for a robot that is no biped, and the errors of
-    ``Controller.session``.
+    argument of ``Controller.session``.  Without a usable answer it goes on with the next one,
+    ``Braking(resume="auto")``: a biped that waits for a person falls.  Raises DeclarationError for a robot that is no
+    biped, and the errors of ``Controller.session``.
     """
 
     def __init__(

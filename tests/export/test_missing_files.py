@@ -1,4 +1,4 @@
-"""Files that cannot be read end in a sentence with their name, whatever loads them."""
+"""Loaders refuse files that cannot be read, by name."""
 
 from __future__ import annotations
 

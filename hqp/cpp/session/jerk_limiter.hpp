@@ -64,8 +64,8 @@ class JerkLimiter {
                         " motors: export the plan anew");
   }
 
-  // Write the next command into x, from an answer in x and the command that was sent last.  changes: a
-  // change of each motor in a tick; most: how many of these accelerations fall to.
+  // Write the next command into x, from an answer in x and the command that was sent last.  changes: a change of each
+  // motor in a tick; accelerations fall to `most` of these.
   void approach(const double* last, const double* changes, double most, double* x) {
     const std::size_t n = last_.size();
     std::copy(x, x + n, answer_.begin());
