@@ -50,6 +50,7 @@ def run(threads: int) -> tuple[np.ndarray, list[np.ndarray]]:
     return obs, ends
 
 
+@pytest.mark.long
 def test_worlds_stand_end_and_begin_anew_whatever_the_threads() -> None:
     (obs, ends), (other, _) = run(1), run(2)
     np.testing.assert_array_equal(obs, other)

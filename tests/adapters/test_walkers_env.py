@@ -44,6 +44,7 @@ def test_walkers_go_where_the_actions_say() -> None:
     assert turned > 0.6
 
 
+@pytest.mark.long
 def test_episodes_end_and_threads_do_not_matter() -> None:
     (obs, ends), (other, _) = run(1, 12, 8), run(2, 12, 8)
     np.testing.assert_array_equal(obs, other)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 TESTS = {path.name: path for path in (ROOT / "tests").rglob("test_*.py")}
+PAGES = {name: ROOT / "docs" / f"{name}.md" for name in ("safety", "operation", "results/requirements")}
 NEVER = r"\bmark\.(skip|xfail)\b"
 HEAD = "| promise | test |\n|---|---|\n"
 
@@ -35,9 +37,11 @@ def broken(page: str, running: Collection[str]) -> list[str]:
     return found
 
 
-def running(page: str) -> set[str]:
-    """Tests of the files named by a page that pytest collects and never skips."""
-    files = sorted({TESTS[name] for name in re.findall(r"test_\w+\.py", page) if name in TESTS})
+@functools.cache
+def running() -> set[str]:
+    """Tests of the files named by the pages that pytest collects and never skips."""
+    text = " ".join(path.read_text(encoding="utf-8") for path in PAGES.values())
+    files = sorted({TESTS[name] for name in re.findall(r"test_\w+\.py", text) if name in TESTS})
     options = ["--collect-only", "-q", "--no-header", "-p", "no:cacheprovider"]
     told = subprocess.run(
         [sys.executable, "-m", "pytest", *options, *map(str, files)],
@@ -61,18 +65,18 @@ def left_out(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(("name", "least"), [("safety", 30), ("operation", 15)])
 def test_every_promise_has_tests_that_run(name: str, least: int) -> None:
-    page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    page = PAGES[name].read_text(encoding="utf-8")
     assert len(promises(page)) >= least
-    assert not broken(page, running(page))
+    assert not broken(page, running())
 
 
 def test_every_requirement_has_an_identifier_a_hazard_and_tests_that_run() -> None:
-    page = (ROOT / "docs" / "results" / "requirements.md").read_text(encoding="utf-8")
+    page = PAGES["results/requirements"].read_text(encoding="utf-8")
     hazards = set(re.findall(r"^\| (H\d+) \|", page, re.MULTILINE))
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if re.match(r"\| REQ-\d+ [A-Z]", line)]
     assert [row[0][:6] for row in rows] == [f"REQ-{k:02}" for k in range(1, len(rows) + 1)]
     assert len(rows) >= 15
-    found, missing = running(page), []
+    found, missing = running(), []
     for what, hazard, tests in rows:
         assert set(hazard.split(", ")) <= hazards, what
         names = re.findall(r"`(test_\w+\.py::test_\w+)`", tests)

@@ -65,6 +65,7 @@ def test_progress_grows_to_the_end(robot) -> None:
     assert shares[-1] == 1.0
 
 
+@pytest.mark.long
 def test_markdown_renders(result: Bench) -> None:
     table = [line for line in result.markdown().splitlines() if line.startswith("|")]
     widths = {len(re.findall(r"(?<!\\)\|", line)) for line in table}

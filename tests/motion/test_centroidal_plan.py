@@ -552,6 +552,7 @@ def _wrench(robot: Any, q: Mat, i: int, fps: float) -> tuple[Vec, Vec]:
     return force, base.rotation @ tau[3:6] + np.cross(base.translation, force)
 
 
+@pytest.mark.long
 def test_the_grounds_force_moves_the_com_as_planned(walked: Retargeted) -> None:
     """Half of the frames are within 5 % of the weight, nine of ten within 15 %: feet change within a frame."""
     dynamics = walked.dynamics

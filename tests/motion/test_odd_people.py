@@ -144,6 +144,7 @@ def test_a_foot_held_up_all_along_stays_up(seed: int) -> None:
     assert found.places[f"{side.lower()}_sole"][0, 2] == pytest.approx(found.scale * high, abs=0.02)
 
 
+@pytest.mark.long
 def test_exchanged_arms_are_said_and_do_not_stop() -> None:
     found = retarget(_turned([0.0, 0.0, 1.0], np.full(60, np.pi)).part(0, 4), "g1")
     assert "exchanged" in " ".join(found.notes)
@@ -156,6 +157,7 @@ def test_another_thing_than_a_motion_ends_in_a_sentence(motion: Any) -> None:
         retarget(motion, "g1")
 
 
+@pytest.mark.long
 def test_a_trunk_along_the_hips_and_a_place_too_far_away_end_in_a_sentence() -> None:
     with pytest.raises(DeclarationError, match="in one line"):
         retarget(_turned([1.0, 0.0, 0.0], np.full(60, 0.5 * np.pi)), "g1")

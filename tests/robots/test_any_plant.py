@@ -167,6 +167,7 @@ def test_a_freed_link_named_world_is_refused(tmp_path: Path) -> None:
         np.testing.assert_allclose(plant.com(), robot.state(q).com(), atol=1e-9)
 
 
+@pytest.mark.long
 def test_every_robot_of_the_catalogue_has_a_plant() -> None:
     for name in hqp.robots.names():
         q, _ = Plant(hqp.robots.load(name)).reset()

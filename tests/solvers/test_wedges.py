@@ -51,6 +51,7 @@ def count(seeds: range) -> int:
     return certain
 
 
+@pytest.mark.long
 def test_certain_answers_in_wedges_are_right() -> None:
     """Rows that an answer misses by 1e-13 to 1e-8 of their size took it up to 1.8 of x aside.
 

@@ -42,6 +42,7 @@ def test_every_solver_is_judged_on_the_same_problems(result: Comparison) -> None
     assert result["chiaverini"].residuals[2] > 1e3 * cascade.residuals[2]
 
 
+@pytest.mark.long
 def test_formats(result: Comparison) -> None:
     assert "cascade:proxqp" in str(result)
     assert result.markdown().count("\n| ") >= len(SOLVERS)

@@ -141,6 +141,7 @@ def test_a_foot_that_lands_early_leaves_the_dcm_on_its_plan(
     assert max(errors) < LIMIT
 
 
+@pytest.mark.long
 def test_a_foot_over_a_hole_follows_the_dcm() -> None:
     """Drawn holes of 45 to 60 mm: the error that is left after the landing grows with the depth."""
     left = []

@@ -83,6 +83,7 @@ def test_links_do_not_push_each_other_apart_at_the_start(name: str) -> None:
     assert np.linalg.norm(course.plant.com() - begun) < 5e-3
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("free", [(True, True), (True, False), (False, True)])
 def test_knees_without_limits_do_not_show_which_way_is_ahead(free: tuple[bool, bool]) -> None:

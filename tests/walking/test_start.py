@@ -51,6 +51,7 @@ def test_legs_alone_lower_a_biped_of_the_catalogue(name: str) -> None:
     judged(hqp.robots.load(name), None, 0.06)
 
 
+@pytest.mark.long
 def test_strong_legs_are_lowered_as_far_as_asked() -> None:
     """G1's knees bear their load at 0.94 of the height at home."""
     robot = hqp.robots.load("g1")

@@ -43,6 +43,7 @@ def test_every_row_holds(module: ModuleType, states: int, rows: Callable[[Module
     assert not failed, "\n".join(failed)
 
 
+@pytest.mark.long
 def test_printed_errata_are_among_the_rows(rows: Callable[[ModuleType, int], list[Check]]) -> None:
     checks = [*rows(kinematics, 3), *rows(prioritised, 4), *rows(second_order, 3)]
     notes = " ".join(check.note for check in checks if check.kind == "negative control")
