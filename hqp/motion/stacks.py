@@ -66,7 +66,7 @@ class Stacks:
         self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True, flat: bool = False
     ) -> None:
         law, below = P(min(GAIN, 0.5 / dt)), P(min(BELOW, 0.5 / dt))
-        self._dt = dt
+        self.dt = dt
         self.robot, self.frames, self.body, self._map, self.flat = robot, found.frames, body, found, flat
 
         def point(part: str, offset: tuple[float, float, float], name: str, law: P) -> Position:
@@ -173,9 +173,16 @@ class Stacks:
             found.append(Within(task, lower=low, upper=high, rate=rate, recovery=RECOVERY, name=f"{side}_straight"))
         return found
 
+    def resting(self) -> Stacks:
+        """Return these stacks with the shortest period in which errors decay at ``GAIN``: rest does not need a shorter
+        one."""
+        if self.dt >= 0.5 / GAIN:
+            return self
+        return Stacks(self.robot, self._map, self.body, 0.5 / GAIN, collision=self.collision, flat=self.flat)
+
     def without_collision(self) -> Stacks:
         """Return these stacks without self-collision."""
-        return Stacks(self.robot, self._map, self.body, self._dt, collision=False, flat=self.flat)
+        return Stacks(self.robot, self._map, self.body, self.dt, collision=False, flat=self.flat)
 
     def _links(self) -> tuple[str, ...]:
         """Links that are to stay above the floor: all but the feet, whose edges have bounds of their own, and links

@@ -92,10 +92,12 @@ class Tracker:
         self.dt = 1.0 / targets.fps
         self.carries: Course | None = None
         """References of the pass with a planned CoM, once there is one."""
-        self.sessions, self._starting, self._closing, self._carrying = (
-            Sessions(robot, self.dt, stack)
-            for stack in (stacks.stack, stacks.starting, stacks.closing, stacks.carrying)
+        self.sessions, self._closing, self._carrying = (
+            Sessions(robot, self.dt, stack) for stack in (stacks.stack, stacks.closing, stacks.carrying)
         )
+        rest = stacks.resting()
+        self._rests = [Sessions(robot, rest.dt, stack) for stack in (rest.starting, rest.closing, rest.carrying)]
+        """Sessions that lead to rest: of a start, and of both kinds of a last pass."""
         points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
         edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
         axes = {name: targets.axes[name] for name in ("torso", "hips", *(f"{side}_sole" for side in SIDES))}
@@ -222,12 +224,11 @@ class Tracker:
     def settle(self, q: Vec, frame: int, course: Course | None = None) -> Vec:
         """Rest configuration of ticks at the targets of a frame, or of a course; after ``SETTLING`` at most."""
         references, v, standing = self.starting(frame), np.zeros(self.robot.nv), self.standing(frame)
-        session = self._starting.of(standing)
+        session = self._rests[1 + course.carries if course else 0].of(standing)
         if course:
-            session = self._last(course).of(standing)
             found = self._with(course, frame, self.references(frame, frame, standing, {}), session)
             references = [Reference(r.name, r.value) for r in found]
-        for _ in range(math.ceil(SETTLING / self.dt)):
+        for _ in range(math.ceil(SETTLING / session.dt)):
             q, v = session.step(self.robot.state(q, v), *references).advance()
             if float(np.abs(v).max()) < STILL:
                 break

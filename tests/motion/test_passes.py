@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import product
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hqp.loop.session import Session
 from hqp.motion import anchored
 from hqp.motion.anchored import SHORT, Judged, best, solved
 from hqp.motion.body import Body
@@ -39,6 +41,29 @@ def tracker_of(motion: Any, flat: bool = False) -> Tracker:
     body = Body.of(robot, found)
     targets = targets_of(motion, parts_of(motion.names), body)
     return Tracker(robot, Stacks(robot, found, body, 1.0 / targets.fps, flat=flat), targets)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rest_takes_no_more_ticks_at_a_high_rate(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pose of a person, from a robot with joints aside: at most three seconds of ticks of 1/60 s, to one rest."""
+    rng, ticks, still = np.random.default_rng(seed), [0], walk(2.0)
+    pose = still.positions[[rng.integers(len(still))]]
+    step = Session.step
+
+    def counted(self: Session, *given: Any, **more: Any) -> Any:
+        ticks[0] += 1
+        return step(self, *given, **more)
+
+    monkeypatch.setattr(Session, "step", counted)
+    found: list[Any] = []
+    for fps in (60.0, 30.0, float(rng.uniform(60.0, 1000.0)), 1000.0):
+        own = tracker_of(replace(still, positions=np.repeat(pose, 1 + round(0.3 * fps), axis=0), fps=fps))
+        aside = np.concatenate((np.zeros(6), np.full(own.robot.nv - 6, 0.05)))
+        ticks[0] = 0
+        found.append(own.settle(own.robot.integrate(own.robot.home, aside, 1.0), 0))
+        assert ticks[0] <= 180, fps
+        if fps >= 60.0:
+            np.testing.assert_allclose(own.robot.difference(found[0], found[-1]), 0.0, atol=1e-6, err_msg=str(fps))
 
 
 def losses(track: Tracker, errors: Any) -> list[float]:
