@@ -166,17 +166,17 @@ RESEALED ?= 300
 sanitize: setup
 	mkdir -p $(SANITIZED)
 	$(BIN)/python -m tests.solvers.native.dump $(SANITIZED)
-	$(CXX) -std=c++17 -O1 -g -Wall -Wextra -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all \
+	$(CXX) -std=c++17 -O0 -g1 -Wall -Wextra -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all \
 	    -Ihqp/cpp/solver -DHQP_ISA=generic tests/solvers/native/drive.cpp -o $(SANITIZED)/drive
 	$(SANITIZED)/drive $(SANITIZED)/*.bin
 	$(BIN)/python -m tests.export.native.record ur5 g1 --ticks 1 --folder $(SANITIZED)
 	cmake -S tests/export/native -B $(SANITIZED)/session -DCMAKE_BUILD_TYPE=None -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
-	    -DCMAKE_CXX_FLAGS="-O1 -g -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all"
+	    -DCMAKE_CXX_FLAGS="-O0 -g1 -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all"
 	cmake --build $(SANITIZED)/session --target damaged
 	$(SANITIZED)/session/damaged $(DAMAGED) $(SANITIZED)/*.hqp
 	$(SANITIZED)/session/damaged --resealed $(RESEALED) $(SANITIZED)/*.hqp
 	cmake -S tests/export/native -B $(SANITIZED)/threads -DCMAKE_BUILD_TYPE=None -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
-	    -DCMAKE_CXX_FLAGS="-O1 -g -Wno-psabi -fsanitize=thread"
+	    -DCMAKE_CXX_FLAGS="-O1 -g1 -Wno-psabi -fsanitize=thread"
 	cmake --build $(SANITIZED)/threads --target threads
 	$(SANITIZED)/threads/threads 3 $(SANITIZED)/*.hqp
 
