@@ -174,8 +174,7 @@ class Stacks:
         return found
 
     def resting(self) -> Stacks:
-        """Return these stacks with the shortest period in which errors decay at ``GAIN``: rest does not need a shorter
-        one."""
+        """Return these stacks, in place of a shorter period with the longest one in which errors decay at ``GAIN``."""
         if self.dt >= 0.5 / GAIN:
             return self
         return Stacks(self.robot, self._map, self.body, 0.5 / GAIN, collision=self.collision, flat=self.flat)
