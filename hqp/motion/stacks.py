@@ -174,10 +174,13 @@ class Stacks:
         return found
 
     def resting(self) -> Stacks:
-        """Return these stacks, in place of a shorter period with the longest one in which errors decay at ``GAIN``."""
-        if self.dt >= 0.5 / GAIN:
+        """Return these stacks, in place of a shorter period with one in which a quarter of an error decays.
+
+        At half of it a pass over a person's clip of 120 Hz begins so that its hands stay behind in a crouch.
+        """
+        if self.dt >= 0.25 / GAIN:
             return self
-        return Stacks(self.robot, self._map, self.body, 0.5 / GAIN, collision=self.collision, flat=self.flat)
+        return Stacks(self.robot, self._map, self.body, 0.25 / GAIN, collision=self.collision, flat=self.flat)
 
     def without_collision(self) -> Stacks:
         """Return these stacks without self-collision."""
