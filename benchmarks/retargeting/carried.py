@@ -48,10 +48,12 @@ class Disturbance:
 
     @staticmethod
     def drawn(seed: int, seconds: float) -> Disturbance:
-        """Masses 10 % down for odd seeds and up for even ones, and a push of 0.1 m/s in the middle of the clip."""
+        """Masses 10 % up or down, and a push of 0.1 m/s in the middle of the clip."""
         rng = np.random.default_rng(seed)
-        heading, at = float(rng.uniform(0.0, 2.0 * math.pi)), float(rng.uniform(0.3, 0.7)) * seconds
-        return Disturbance(-0.1 if seed % 2 else 0.1, 0.1, heading, at)
+        return Disturbance(
+            float(rng.choice([-0.1, 0.1])), 0.1, float(rng.uniform(0.0, 2.0 * math.pi)),
+            float(rng.uniform(0.3, 0.7)) * seconds,
+        )  # fmt: skip
 
 
 class Carrying(Tracking):
