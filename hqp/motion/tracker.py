@@ -96,8 +96,9 @@ class Tracker:
             Sessions(robot, self.dt, stack) for stack in (stacks.stack, stacks.closing, stacks.carrying)
         )
         rest = stacks.resting()
-        self._rests = [Sessions(robot, rest.dt, stack) for stack in (rest.starting, rest.closing, rest.carrying)]
-        """Sessions that lead to rest: of a start, and of both kinds of a last pass."""
+        self._starting, self._closing_rest, self._carrying_rest = (
+            Sessions(robot, rest.dt, stack) for stack in (rest.starting, rest.closing, rest.carrying)
+        )
         points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
         edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
         axes = {name: targets.axes[name] for name in ("torso", "hips", *(f"{side}_sole" for side in SIDES))}
@@ -224,8 +225,9 @@ class Tracker:
     def settle(self, q: Vec, frame: int, course: Course | None = None) -> Vec:
         """Rest configuration of ticks at the targets of a frame, or of a course; after ``SETTLING`` at most."""
         references, v, standing = self.starting(frame), np.zeros(self.robot.nv), self.standing(frame)
-        session = self._rests[1 + course.carries if course else 0].of(standing)
+        session = self._starting.of(standing)
         if course:
+            session = (self._carrying_rest if course.carries else self._closing_rest).of(standing)
             found = self._with(course, frame, self.references(frame, frame, standing, {}), session)
             references = [Reference(r.name, r.value) for r in found]
         for _ in range(math.ceil(SETTLING / session.dt)):

@@ -45,7 +45,7 @@ def tracker_of(motion: Any, flat: bool = False) -> Tracker:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_rest_takes_no_more_ticks_at_a_high_rate(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A pose of a person, from a robot with joints aside: at most three seconds of ticks of 1/120 s, to one rest."""
+    """Clips of any rate settle within three seconds of ticks of 1/120 s; those from 120 Hz on in one rest."""
     rng, ticks, still = np.random.default_rng(seed), [0], walk(2.0)
     pose = still.positions[[rng.integers(len(still))]]
     step = Session.step
