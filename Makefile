@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
+# Bytecode is written as modules are imported: else each process of tests and benchmarks compiles all of them.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: paper corpus test-arm bench experiments walking soak test test-all test-kernels test-sweeps test-browser test-adapters test-environments resolve wheels test-cpp docs problem-sets check style mypy pyright setup format clean sanitize
 
@@ -21,8 +23,7 @@ walking: setup
 
 # A process for each core, one thread of BLAS in each; a file's tests stay together until a process has nothing to do.
 # Native parts are required: a broken build would fall back to pure Python silently.
-# Bytecode is always written: else each process compiles all tests.
-PYTEST := HQP_REQUIRE_NATIVE=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
+PYTEST := HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
 test: setup
 	$(PYTEST) -m "not slow and not long"
 
@@ -197,7 +198,7 @@ $(VENV)/ready: pyproject.toml $(wildcard hqp/cpp/*.txt hqp/cpp/*/*)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "hqp needs Python 3.10 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
 	touch $@
 
 clean:
