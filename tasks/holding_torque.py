@@ -57,7 +57,8 @@ class HoldingTorque(Task):
         """Shares ``(k,)``, positive where the motor pushes along its axis."""
         parts = carriers(state.robot)
         columns = self.columns(state.robot)
-        p = np.array([_moved(state, parts[j])[:, j] for j in columns])
+        masses = _masses(state)
+        p = np.array([masses[parts[j]] * state.com_jacobian(parts[j])[:, j] for j in columns])
         return -(p @ state.robot.gravity) / state.robot.effort_limit[columns]
 
     def jacobian(self, state: State) -> Mat:
@@ -65,7 +66,8 @@ class HoldingTorque(Task):
         robot, columns, parts = state.robot, self.columns(state.robot), carriers(state.robot)
         state.kinematics()
         w, weight = np.array(robot.joint_twists)[3:].T, -robot.gravity
-        moved = {body: _moved(state, body) for body in {*parts}}
+        masses = _masses(state)
+        moved = {body: masses[body] * state.com_jacobian(body) for body in {*parts}}
         own = np.array([moved[body][:, i] for i, body in enumerate(parts)])
         chains = {body: {*_chain(robot, body)} for body in {*parts}}
         J = np.zeros((columns.size, robot.nv))
@@ -81,9 +83,10 @@ class HoldingTorque(Task):
         """dJ/dt v ``(k,)`` [1/s^2]."""
         robot, columns, parts = state.robot, self.columns(state.robot), carriers(state.robot)
         _, _, first, second = twist_derivatives(state)
-        twists, found = robot.joint_twists, np.empty(columns.size)
+        masses, twists, found = _masses(state), robot.joint_twists, np.empty(columns.size)
         for k, j in enumerate(columns):
-            m, part = _mass(state, parts[j]), parts[j]
+            part = parts[j]
+            m = masses[part]
             h, rate, change = m * state.com(part), m * state.com_velocity(part), m * state.com_drift(part)
             turning = cross(second[3:, j], h) + 2.0 * cross(first[3:, j], rate) + cross(twists[3:, j], change)
             found[k] = -(m * second[:3, j] + turning) @ robot.gravity / robot.effort_limit[j]
@@ -126,13 +129,12 @@ def _chain(robot: Robot, body: int) -> Iterator[int]:
         body = robot.bodies[body][0]
 
 
-def _mass(state: State, part: int) -> float:
-    """Mass of each body's subtree [kg]."""
+def _masses(state: State) -> list[float]:
+    """Masses of the bodies' subtrees with their loads [kg]."""
     robot = state.robot
-    own = sum(mass for b, (*_, mass, _, _) in enumerate(robot.bodies) if part in _chain(robot, b))
-    return own + sum(m for frame, m, _ in state.loads if part in _chain(robot, robot.body(robot.frame(frame))))
-
-
-def _moved(state: State, part: int) -> Mat:
-    """Mass times velocity of the centre of mass of a body's subtree, per coordinate ``(3, nv)``."""
-    return _mass(state, part) * state.com_jacobian(part)
+    found = [mass for *_, mass, _, _ in robot.bodies]
+    for frame, mass, _ in state.loads:
+        found[robot.body(robot.frame(frame))] += mass
+    for body in range(len(found) - 1, 0, -1):
+        found[robot.bodies[body][0]] += found[body]
+    return found
