@@ -18,21 +18,21 @@ def twist_derivatives(state: State, v: Vec | None = None) -> tuple[Mat, Mat, Mat
     """
     robot, v = state.robot, state.v if v is None else v
     state.kinematics()
-    twists = np.array(robot.joint_twists)
-    bodies = robot.bodies
-    V, A = np.zeros((len(bodies), 6)), np.zeros((len(bodies), 6))
-    first, second = np.zeros_like(twists), np.zeros_like(twists)
+    bodies, twists = robot.bodies, np.array(robot.joint_twists).T
+    V, steps, carrier = np.zeros((len(bodies), 6)), np.zeros((len(bodies), 6)), np.zeros(robot.nv, dtype=np.intp)
     for i, (parent, start, count, *_) in enumerate(bodies[1:], start=1):
         own = slice(start, start + count)
-        step = twists[:, own] @ v[own]
-        V[i] = V[parent] + step
-        A[i] = A[parent] + _cross(V[i], step)
-        first[:, own] = _cross(V[i], twists[:, own].T).T
-        second[:, own] = _cross(A[i], twists[:, own].T).T + _cross(V[i], first[:, own].T).T
-    return V, A, first, second
+        steps[i] = v[own] @ twists[own]
+        V[i], carrier[own] = V[parent] + steps[i], i
+    A = _cross(V, steps)
+    for i, (parent, *_) in enumerate(bodies[1:], start=1):
+        A[i] += A[parent]
+    first = _cross(V[carrier], twists)
+    second = _cross(A[carrier], twists) + _cross(V[carrier], first)
+    return V, A, first.T, second.T
 
 
 def _cross(V: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """V x t of motions ``(6,)``, linear first, for each row of t."""
-    linear = cross(V[3:], t[..., :3]) + cross(V[:3], t[..., 3:])
-    return np.concatenate((linear, cross(V[3:], t[..., 3:])), axis=-1)
+    """V x t of motions ``(..., 6)``, linear first."""
+    linear = cross(V[..., 3:], t[..., :3]) + cross(V[..., :3], t[..., 3:])
+    return np.concatenate((linear, cross(V[..., 3:], t[..., 3:])), axis=-1)
