@@ -39,6 +39,7 @@ class StageSearch {
         rate_(most_rows),
         side_(most_rows),
         kept_(most_rows),
+        passed_(most_rows),
         y_(ld_),
         other_(ld_),
         aim_(ld_),
@@ -170,9 +171,15 @@ class StageSearch {
         zero = true;
       }
       if (blocking >= 0) {
+        const bool itself = zero && blocking == left;  // of its own release: its sign or its rate is rounding
+        if (itself) ++own;
+        if (itself && !passed_[blocking]) {
+          passed_[blocking] = 1;
+          continue;
+        }
         enter(blocking, rate_[blocking] > 0.0 ? 1 : -1);
-        kept_[blocking] = zero && blocking == left;  // a row is in the way of its own release: its sign was rounding
-        if (kept_[blocking]) ++own, still = larger(still, length);
+        kept_[blocking] = itself;
+        if (itself) still = larger(still, length);
         continue;
       }
       const int out = wrong_sign(y, zero);
@@ -279,7 +286,7 @@ class StageSearch {
   // Hold the equalities alone.
   void begin() {
     std::fill(side_.begin(), side_.begin() + rows_->count(), 0);
-    std::fill(kept_.begin(), kept_.begin() + rows_->count(), 0);
+    for (auto* marks : {&kept_, &passed_}) std::fill(marks->begin(), marks->begin() + rows_->count(), 0);
     set_.resize(fixed_);
     cut(fixed_);
     dependent_.clear();
@@ -522,6 +529,7 @@ class StageSearch {
       rate_[i] = row.value(move_.data(), aim_.data(), n_);
       const double bound = row.bound(rate_[i] > 0.0 ? 1 : -1), value = row.value(x_.data(), y, n_);
       if (std::isinf(bound) || std::abs(rate_[i]) <= floor * row.size) continue;
+      if (passed_[i] && std::abs(value + rate_[i] - bound) <= kEither * error(i, y)) continue;
       const double times = larger(0.0, (bound - value) / rate_[i]);
       if (times < far - (lowest ? kOnRow : 0.0)) {
         far = times;
@@ -581,7 +589,8 @@ class StageSearch {
   std::vector<int> set_, own_set_, rest_, dependent_, spanned_;
   std::vector<double> rate_;
   std::vector<int> side_;
-  std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
+  std::vector<char> kept_;    // rows that no wrong sign releases until the point moves
+  std::vector<char> passed_;  // rows that stop no step that leads beyond their bound by rounding alone
   std::vector<double> y_, other_, aim_, x_, move_, part_, lambda_, own_lambda_, M_, K_, base_, turned_, e_, u_;
   bool unclear_ = false;
   int turned_by_ = -1;  // count of held rows whose reflections are in turned_, -1 for none
