@@ -68,7 +68,7 @@ class Dynamics:
     shift ``(T,)`` [m]: distance of the plan from the kinematic CoM.  zmp_outside: share of standing frames whose ZMP,
     angular momentum included, is more than 10 mm outside the soles, before and after.  hands_p99: 99th percentile of
     the hands' error [m], before and after.  missed [m]: largest distance of the CoM from the plan.  beyond: times in
-    which no forces of the soles carry it.
+    which no forces of the soles carry it.  flights [s]: first and last time of each flight of the person.
     """
 
     stands: Mask
@@ -82,6 +82,7 @@ class Dynamics:
     hands_p99: tuple[float, float]
     missed: float
     beyond: tuple[Beyond, ...] = ()
+    flights: tuple[tuple[float, float], ...] = ()
 
     def thinned(self, each: int) -> Dynamics:
         """Every ``each``-th frame."""
@@ -100,6 +101,11 @@ class Dynamics:
                 f"the soles do not carry it from {each.first:.2f} to {each.last:.2f} s: their forces give the CoM "
                 f"{each.lacks:.2f} m/s too little"
                 for each in self.beyond
+            ),
+            *(
+                f"both feet are in the air from {first:.2f} to {last:.2f} s: a controller needs a phase without "
+                "contacts for it, or stays on the ground"
+                for first, last in self.flights
             ),
         ]
 
@@ -156,7 +162,9 @@ def carried(tracker: Tracker, found: Pass, schedule: Schedule) -> tuple[Pass, Dy
     missed = float(np.linalg.norm(reached - com, axis=1).max())
     shift = np.asarray(np.linalg.norm(com - own, axis=1))
     shares, lacks = (share_outside(before), share_outside(after)), beyond(tracker, reached, stands, after)
-    return again, Dynamics(stands, toes, com, rate, push, zmp, shift, shares, hands, missed, lacks)
+    return again, Dynamics(
+        stands, toes, com, rate, push, zmp, shift, shares, hands, missed, lacks, schedule.flights
+    )  # fmt: skip
 
 
 def centroidal(robot: Robot, q: Mat, fps: float) -> tuple[Mat, Mat]:

@@ -62,6 +62,11 @@ class Schedule:
         return np.asarray(~self.stands.any(axis=1))
 
     @property
+    def flights(self) -> tuple[tuple[float, float], ...]:
+        """First and last time of each flight [s]."""
+        return tuple((first / self.fps, last / self.fps) for first, last in runs(self.flight))
+
+    @property
     def changes(self) -> int:
         """Number of frames in which a sole comes down or lifts."""
         return int(np.count_nonzero((self.stands[1:] != self.stands[:-1]).any(axis=1)))

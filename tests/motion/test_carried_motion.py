@@ -65,13 +65,15 @@ def _acceleration(found: Retargeted) -> float:
 @pytest.mark.parametrize(("kind", "seed", "rounded"), DRAWN)
 def test_a_carried_motion(kind: str, seed: int, rounded: bool, g1: hqp.robots.Robot) -> None:
     """Joints accelerate at most four times as much as without dynamics, the plan's ZMP is inside the soles, the CoM
-    is where the plan has it, and noise of 1e-9 m in the person's places moves no joint by more than 1e-3 rad.
+    is where the plan has it, and noise of 1e-9 m in the person's places moves no joint by more than 1e-3 rad.  The
+    report names flights.
     """
     clip = _clip(kind, seed, turn=2.0 * seed)
     found = retarget(clip, g1, dynamics=True)
     assert _acceleration(found) < 4.0 * max(_acceleration(retarget(clip, g1)), 50.0)
     assert found.dynamics is not None
     assert kind in HOPS or found.dynamics.missed < 0.02
+    assert ("in the air" in str(found)) == (kind in HOPS)
     zmp, stands = found.dynamics.zmp, found.dynamics.stands
     feet = feet_of(g1)
     inside = [_inside(_corners(found, feet, i, down), zmp[i]) for i, down in enumerate(stands) if down.any()]
