@@ -105,7 +105,7 @@ def test_a_change_in_the_midst_of_others(level: str) -> None:
     assert [loop.step(goal) for _ in range(400)][-1].transition == 1.0
 
 
-@pytest.mark.parametrize("level", FORMULATIONS)
+@pytest.mark.parametrize("level", ["velocity", "acceleration", pytest.param("torque", marks=pytest.mark.long)])
 def test_a_foot_is_released_and_taken_up(level: str) -> None:
     robot, stacks, (com, hand) = humanoid(level)
     loop = Pair(robot, stacks, FORMULATIONS[level]())

@@ -63,7 +63,7 @@ def test_noise_of_markers_does_not_end_a_rest() -> None:
     assert found(noisy.smoothed()).resting["left_foot"].all()
 
 
-@pytest.mark.parametrize("fps", [30.0, 120.0, 1000.0])
+@pytest.mark.parametrize("fps", [30.0, *(pytest.param(fps, marks=pytest.mark.long) for fps in (120.0, 1000.0))])
 @pytest.mark.parametrize("frames", range(2, 8))
 def test_motions_shorter_than_the_window_of_a_speed_are_read(frames: int, fps: float) -> None:
     way = np.linspace(0.0, 5.0 * (frames - 1) / fps, frames)[:, None] * np.array([1.0, 0.0, 0.0])

@@ -43,7 +43,7 @@ def tracker_of(motion: Any, flat: bool = False) -> Tracker:
     return Tracker(robot, Stacks(robot, found, body, 1.0 / targets.fps, flat=flat), targets)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.long) for s in range(1, 4))])
 def test_rest_takes_no_more_ticks_at_a_high_rate(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Clips of any rate settle within three seconds of ticks of 1/120 s; those from 120 Hz on in one rest."""
     rng, ticks, still = np.random.default_rng(seed), [0], walk(2.0)

@@ -13,7 +13,7 @@ from tests.scenes import problems
 from tests.solvers.conformance import Subject, check, check_form, check_share, subjects, supports
 
 SEEDS = 12
-FEW = 2
+FEW = 1
 
 
 @pytest.fixture(params=subjects(), ids=str)

@@ -215,7 +215,7 @@ def test_bad_footholds_are_named(robot: Any, tmp_path: Path) -> None:
     assert not walker.walking
 
 
-@pytest.mark.parametrize(("name", "seed"), [("g1", 0), ("talos", 1)])
+@pytest.mark.parametrize(("name", "seed"), [("g1", 0), pytest.param("talos", 1, marks=pytest.mark.long)])
 def test_a_route_is_walked_in_mujoco(name: str, seed: int) -> None:
     """Noise, 4 ms of delay: it lands near each foothold, does not fall, and stands on the last two."""
     pytest.importorskip("mujoco")
