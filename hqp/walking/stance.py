@@ -19,6 +19,7 @@ from hqp.walking.footsteps import rotation
 
 if TYPE_CHECKING:
     from hqp.declare.robot import State
+    from hqp.walking.gait import Gait
 
 BENT = 0.5
 """Least bend of knees at the start of the search [rad]: a straight knee has no direction of bending."""
@@ -28,6 +29,10 @@ SPARE = 0.02
 
 HARD, RELIEVED = 0.7, 0.05
 """Largest share of a joint's torque limit on one foot, and the relief by longer legs (SPARE) that rejects a stance."""
+
+FALLING = 0.5
+"""Largest fall that a weak joint may cause in a step, as a share of the fall from which both feet return in their time:
+with 1.0 one of six drawn bipeds with weak hips falls, without a bound two, with 0.5 none."""
 
 LOWER = 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0, 2.0, 3.0, 4.0
 """Candidates as factors of ``lower``, in order: less for weak knees, more for knees that are straight at home."""
@@ -79,8 +84,39 @@ def overloaded(robot: Any, foot: Foot, start: Vec) -> list[str]:
     """A reason for each motor that a step overloads: its share of torque as the other foot lifts off, the CoM still
     between the feet."""
     parts = zip(robot.joint_names, borne(robot, foot, start).tolist(), strict=True)
-    where = f"of its torque as the weight comes onto the {foot.name} foot: walks fall if that lasts"
+    where = f"of its torque as the weight comes onto the {foot.name} foot"
     return [f"{name} needs {100.0 * share:.0f} % {where}" for name, share in parts if share > 1.0]
+
+
+def weakest(robot: Any, feet: Sequence[Foot], start: Vec, gait: Gait) -> tuple[str, float, float]:
+    """The joint of a leg that bears the least mass in steps of a gait, with its share of torque by the model, and the
+    largest share at which the body does not fall.
+
+    A joint that needs r times its torque tau lets the body fall about it, I x'' = K x + (r - 1) tau, with its inertia
+    I and the stiffness K of gravity, lambda^2 = K / I.  After T = ``single`` the diverging part of x has grown to
+    (r - 1) E tau / K, E = e^(lambda T) - 1.  Both feet return (2 - r) (1 - e^(-lambda D)) tau / K of it in D =
+    ``double``, as a joint still bears the weight there.  The largest share causes FALLING of that, r = (E + 2 c) /
+    (E + c) with c = FALLING (1 - e^(-lambda D)).
+    """
+    found = feet[0].leg[0], 0.0, 1.0
+    names = list(robot.joint_names)
+    state = robot.copy().state(start)
+    M, apart = state.mass_matrix().copy(), 1e-3
+    for foot in feet:
+        shares, J = borne(robot, foot, start), state.jacobian(foot.frame).copy()
+        for name in foot.leg:
+            column = int(robot.joints([name])[0])
+            turn = np.zeros(robot.nv)
+            turn[column] = 1.0
+            turn[:6] = -np.linalg.solve(J[:, :6], J[:, column])  # the foot stays
+            high = [robot.copy().state(robot.integrate(start, turn, x)).com()[2] for x in (-apart, 0.0, apart)]
+            gravity = robot.mass * robot.gravity[2] * (high[0] - 2.0 * high[1] + high[2]) / apart**2
+            rate = math.sqrt(max(gravity / float(turn @ M @ turn), 1e-12))  # it falls, if slowly
+            grown, back = math.expm1(rate * gait.single), -FALLING * math.expm1(-rate * gait.double)
+            share, most = float(shares[names.index(name)]), (grown + 2.0 * back) / (grown + back)
+            if share * found[2] > most * found[1]:
+                found = name, share, most
+    return found
 
 
 class Stance:

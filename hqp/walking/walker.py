@@ -35,7 +35,7 @@ from hqp.walking.pendulum import natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.preview import QUICK, Ability
 from hqp.walking.stacks import Laws, Stacks
-from hqp.walking.stance import overloaded, standing
+from hqp.walking.stance import overloaded, standing, weakest
 
 TOUCH, TAKE = _session.Walker.TOUCH, _session.Walker.TAKE
 """Share of the weight on a swing foot above which it has landed; shortest time in which a foot's share of the load
@@ -130,6 +130,7 @@ class Walker:
                 self.gait = replace(quick, double=REGAINS * quick.single)
                 times = f"{self.gait.period:.2f} s, not {usual:.2f}, {self.gait.double:.2f} s of it on both feet"
                 self._reasons.append(f"steps take {times}, so that no joint bears that for long")
+        self._weakest = weakest(robot, self.feet, self.start, self.gait)
         home = robot.copy().state(self.start)
         self._first = one, other = self.feet[0].placed(home), self.feet[1].placed(home)
         self.height = float(home.com()[2]) - 0.5 * (one.z + other.z)
@@ -184,7 +185,8 @@ class Walker:
         ]
         return {
             **feet, "soles": soles, "half": max(foot.half for foot in self.feet),
-            "why": self._reasons, "dt": self.dt, "gait": self.gait.numbers,
+            "why": self._reasons, "weakest": self._weakest[0], "bears": self._weakest[1:],
+            "dt": self.dt, "gait": self.gait.numbers,
             "reach": astuple(self.footsteps.reach), "planned": self.ability.reach.forward,
             "width": self.footsteps.width, "height": self.height, "gravity": self.ability.gravity,
             "omega": self.omega, "pendulum": self.stacks.balance.omega(home),
@@ -271,7 +273,8 @@ class Walker:
         """Walk at a velocity in the axes of the heading [m/s, m/s, rad/s]; zeros step in place.
 
         The velocity changes by a bounded amount from step to step.  ``command`` is the nearest velocity that steps can
-        follow, ``why`` has the reasons.  A session that is stopped stands.
+        follow, ``why`` has the reasons.  A session that is stopped stands.  So does a
+        robot whose body would fall, as a joint of its legs lacks torque under the measured weight; on its way it stops.
         """
         self._order(self._native.go, astuple(Command(forward, left, turn)))
 

@@ -17,6 +17,7 @@ from hqp.tasks.polygons import shrunk
 from hqp.walking import Gait, Walker, Walkers
 from hqp.walking.ankle import RESERVE, supporting
 from hqp.walking.feet import EDGE, PART, Foot, feet_of
+from tests.scenes.masses import scaled
 
 NAMES = "g1", "talos", "romeo", "icub"
 
@@ -163,12 +164,8 @@ def test_a_weak_ankle_walks(weaker: float) -> None:
     robot = hqp.robots.load("g1", rotors=True)
     robot.effort_limit[np.concatenate([ankle(robot, foot) for foot in feet_of(robot)])] *= weaker
 
-    def heavier(spec: Any) -> None:
-        for body in spec.bodies:
-            body.mass, body.inertia = 1.1 * body.mass, 1.1 * np.asarray(body.inertia)
-
     walker = Walker(robot, deadline=math.inf)
-    course = course_of(walker, edit=heavier)
+    course = course_of(walker, edit=scaled(1.1))
     walker.go(0.2)
     start = course.plant.com()[0]
     while walker.time < 6.0:

@@ -97,15 +97,19 @@ class Walker {
         steepest_(p.number("steepest")),
         half_(p.number("half")),
         aims_(p.texts("why")),
+        weakest_(p.text("weakest")),
         rates_(std::size_t(p.integer("nv"))),
         observer_(turning(rates_.size()), p.number("keeps"), kNoise) {
     const std::vector<double> gait = p.numbers("gait", 6), reach = p.numbers("reach", 4);
+    const std::vector<double> bears = p.numbers("bears", 2);
+    share_ = bears[0], most_ = bears[1];
     gait_ = {gait[0], gait[1], gait[2], gait[3], gait[4], gait[5]};
     footsteps_ = {gait_.period(), p.number("width"), {reach[0], reach[1], reach[2], reach[3]}};
     ability_ = {gait_, footsteps_.reach, footsteps_.width, height_, gravity_};
     ability_.reach.forward = p.number("planned");
     for (const Plan& one : p.parts("soles")) soles_.push_back(Sole::of(one));
     need(soles_.size() == 2, "a walker has two soles");
+    need(!weakest_.empty(), "the weakest joint of a walker has a name");
     const std::vector<double> upright = p.numbers("upright", 9);
     std::copy(upright.begin(), upright.end(), upright_.begin());
     limits_ = p.numbers("limits");
@@ -126,6 +130,7 @@ class Walker {
     forget();
     state_.command = ability_.allowed(requested, [this](const Limited& one) { limited_.push_back(one); });
     state_.walking = true;
+    yield();
   }
   // Step on footholds, left and right in turn, then stand on the last two: the nearest ones within reach of each other.
   void follow(const std::vector<Foothold>& wanted) {
@@ -140,6 +145,7 @@ class Walker {
     state_.walking = !wanted.empty();
     route_ = wanted;
     moved_.reserve(2 * (wanted.size() + 1) * (Moved::kAdded + 1));
+    yield();
     if (state_.started) check();
   }
   // Stand, because the session is stopped.
@@ -158,6 +164,7 @@ class Walker {
   std::vector<std::string> why() const {
     if (!refused_.empty()) return {"stopped (" + refused_ + "): call session.resume()"};
     std::vector<std::string> found = aims_;
+    if (yields_) found.push_back(yielded());
     for (const Limited& one : limited_) found.push_back(one.text());
     for (const Moved& one : moved_) found.push_back(one.text());
     if (std::lround(100.0 * state_.heavier) != 100) found.push_back(weighed());
@@ -199,6 +206,7 @@ class Walker {
     state_.entered = false;
     if (!biped_.finite()) return;
     if (!state_.started) start();
+    yield();
     advance(loads);
     touches_ = loads && state_.swings() && loads[1 - state_.stance] > kTouch * weight_;
     refer();
@@ -412,7 +420,7 @@ class Walker {
   double doubled(double quick, bool last) const { return last ? gait_.first : quick * gait_.double_support; }
   bool routed() const { return !route_.empty(); }
   void end_route() { route_.clear(), next_ = 0; }
-  void forget() { refused_.clear(), limited_.clear(), moved_.clear(), end_route(); }
+  void forget() { yields_ = false, refused_.clear(), limited_.clear(), moved_.clear(), end_route(); }
   // Keep a change of a foothold of the route for why().
   auto noting(std::size_t k) {
     return [this, k](Moved::Axis axis, double requested, double allowed) {
@@ -572,6 +580,18 @@ class Walker {
     references_.swing_velocity = {path.v[0], path.v[1], path.v[2], 0.0, 0.0, path.v[3]};
     references_.swing_acceleration = {path.a[0], path.a[1], path.a[2], 0.0, 0.0, path.a[3]};
   }
+  // Come to stand if the weakest joint of the legs lets the body fall under its weight.
+  void yield() {
+    if (!state_.walking || share_ * state_.heavier <= most_) return;
+    stop();
+    yields_ = true;
+  }
+  std::string yielded() const {
+    char found[200];
+    std::snprintf(found, sizeof found, " needs %.0f %% of its torque on one foot, walks fall above %.0f: it stands; ",
+                  100.0 * share_ * state_.heavier, 100.0 * most_);
+    return weakest_ + found + "a Gait with less time on one foot and more on both, or a lighter robot, walks";
+  }
   std::string weighed() const {
     char found[160];
     std::snprintf(found, sizeof found, "masses x %.2f: the feet bear %.0f N in the mean, %.0f by the model",
@@ -595,6 +615,9 @@ class Walker {
   double dt_, height_, omega_, pendulum_, k_, weight_, gravity_, steepest_,
       half_;                       // half: half the length of a sole [m]
   std::vector<std::string> aims_;  // reasons for a ZMP beside the middle of a sole
+  std::string weakest_;  // joint of the legs that bears least, its share of torque by the model, the largest one
+  double share_ = 0.0, most_ = 0.0;
+  bool yields_ = false;
   std::vector<double> rates_;
   RateObserver observer_;
   Gait gait_{};
