@@ -25,6 +25,7 @@ FOUND = [
 
 OF_A_LOOP = [
     ("conflicts", 50011, True),
+    ("conflicts", 2500000160, True),
     ("cone_apex", 1631, False),
     *(("level_scales", seed, False) for seed in (1413, 1766, 81000007)),
     ("many_levels", 1602, True),
@@ -43,9 +44,9 @@ Levels of inequalities that miss by 1e3 to 1e6, whose slacks counted as motion; 
 uses, crept along a row that it left; in the last problems of row_scales and zero_rows it lost rows 1e12 shorter than
 their level's longest, met or not; with many levels a choice left a bound at zero by 1e-9. In the last of near_parallel
 a hard row is missed by 1e-8, by no more than the certificate's tolerance; in the vertex a row blocks its own release
-again and again.  In conflicts rows saw the error of directions without motion. These directions cost
-little and so count much: they left nothing of rows much shorter than the longest of their level, row_scales with flat
-motion.
+again and again.  In conflicts rows saw the error of directions without motion, or a row of 1e-6 was left to pull along
+them by less than rounding of rows that do not see them. These directions cost little and so count much: they left
+nothing of rows much shorter than the longest of their level, row_scales with flat motion.
 """
 
 

@@ -67,8 +67,8 @@ class Gather {
       ++row;
     }
   }
-  // Return true if the cost of directions without motion pulls, at y, by more than rounding of a row's own gradient; x
-  // is written.
+  // Return true if the cost of directions without motion pulls, at y, by more than rounding of the level's gradient
+  // along them; x is written.
   bool flat_counts(const Coordinates& at, double* x) const {
     const double pull = aim_.price * at.flat_pull(y_.data());
     if (pull == 0.0) return false;
@@ -76,11 +76,13 @@ class Gather {
     at.point(y_.data(), x);
     for (int j = 0; j < n_; ++j) far = larger(far, std::abs(x[j]));
     const PricedLevel& level = levels_[k_];
-    for (int i = 0; i < level.m; ++i) {
+    for (int i = 0, row = 0; i < level.m; ++i) {
       if (level.left_out(i)) continue;
       const double own = levels_.length(k_, i), w = slack(levels_.value(k_, i, x), level.lower[i], level.upper[i]);
+      const bool aimed = priced_ && level.lower[i] == level.upper[i];  // a row of T
       unmet += w * w;
-      gradient += std::fabs(w) * own;
+      gradient += std::fabs(w) * (aimed ? at.flat_pull(&T_[static_cast<std::size_t>(row) * aim_.ld]) : own);
+      ++row;
       if (own > rows_.rounding()) shortest = smaller(shortest, own);
     }
     unmet = std::sqrt(unmet);
