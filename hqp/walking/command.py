@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Walk; returns 1 for a fall."""
+    """Walk; returns 1 for a fall, and for a walk that the robot refuses."""
     from hqp.walking.walker import Walker
 
     number("walk", "seconds", arguments.seconds, 0.0, strict=True, unit="s")
@@ -55,6 +55,9 @@ def execute(arguments: argparse.Namespace) -> int:
     wanted = arguments.forward, arguments.left, arguments.turn
     if arguments.output is not None:
         walker.go(*wanted)
+        if not walker.walking:
+            print(*walker.why, sep="\n")
+            return 1
         motion = walker.plan(arguments.seconds, arguments.fps)
         motion.save(arguments.output)
         print(f"{motion}; written to {arguments.output}")
@@ -111,10 +114,16 @@ def _simulate(
 
     robot, course = walker.robot, Course(walker)
     plant = course.plant
-    stops, since = STAND + seconds, 0.0
+    stops, since, begun, refused = STAND + seconds, 0.0, False, False
     while plant.time < stops or walker.phase != "stand" or plant.time < since + STAND:
-        if wanted is not None and plant.time >= STAND and not walker.walking and plant.time < stops:
+        if wanted is not None and not begun and plant.time >= STAND:
             _go(walker, wanted)
+            begun, refused = True, not walker.walking
+        elif begun and not refused and not walker.walking and plant.time < stops:
+            print(*walker.why, sep="\n")
+            refused = True
+        if refused:
+            stops = min(stops, plant.time)
         if plant.time >= stops:
             walker.stop()
         tick = course.step()
@@ -128,4 +137,4 @@ def _simulate(
         if course.fallen:
             print(f"{plant.time:7.2f} s  {robot.name} fell")
             return 1
-    return 0
+    return int(refused)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import hqp
+from hqp.__main__ import main
 from hqp.errors import DeclarationError, ModelError
 from hqp.robots.soles import UPRIGHT, feet, sole
 from hqp.walking import LEFT, RIGHT, Foothold, Gait, Walker, Walkers
@@ -260,6 +261,16 @@ def test_it_stops_as_it_measures_a_weight_that_its_hips_do_not_bear(way: str, tm
     order()
     assert not walker.walking
     assert worlds.why(0) == walker.why
+
+
+def test_the_command_ends_once_with_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It gave the order again in each tick, and returned 0."""
+    pytest.importorskip("mujoco")
+    file = biped(tmp_path, bend=0.5, hips=20.0)
+    for more in ((), ("--output", str(tmp_path / "walk.npz"))):
+        assert main(["walk", "--robot", str(file), "--seconds", "2", *more]) == 1
+        assert capsys.readouterr().out.count("it stands") == 1
+    assert not (tmp_path / "walk.npz").exists()
 
 
 def test_no_biped_that_walks_is_refused() -> None:
