@@ -23,6 +23,7 @@ from hqp.walking.feet import Foot, feet_of
 from hqp.walking.footsteps import rotation
 from hqp.walking.pendulum import natural_frequency
 from hqp.walking.stacks import BOTH, FIRM, HASTE, Laws
+from tests.scenes.masses import scaled
 
 REACH = 0.15
 """Largest change of a landing by the DCM [m]."""
@@ -119,11 +120,7 @@ class Carrying(Tracking):
 
     def _furnish(self, spec: Any) -> None:
         super()._furnish(spec)
-        more = 1.0 + self._disturbance.heavier
-        for body in spec.bodies:
-            if body.mass > 0.0:
-                body.mass *= more
-                body.inertia, body.fullinertia = more * np.array(body.inertia), more * np.array(body.fullinertia)
+        scaled(1.0 + self._disturbance.heavier)(spec)
 
     def run(self) -> Fate:
         """Simulate to the end of the clip or to the fall."""

@@ -15,6 +15,7 @@ from hqp.arrays import Vec
 from hqp.robots.on_mujoco import Plane, Servo, Terrain
 from hqp.walking import Gait, Walker
 from hqp.walking import course as walking
+from tests.scenes.masses import scaled
 
 DT = 0.002
 MASSES, OFFSET, DELAY, FRICTION = 0.1, 0.005, 0.004, 0.5
@@ -59,10 +60,7 @@ class Course:
         factor = 1.0 if seed is None else 1.0 + masses * (1 - 2 * (seed % 2))
 
         def changed(spec: Any) -> None:
-            for body in spec.bodies:
-                body.mass, body.inertia, body.fullinertia = (
-                    factor * np.asarray(x) for x in (body.mass, body.inertia, body.fullinertia)
-                )
+            scaled(factor)(spec)
             if edit is not None:
                 edit(spec)
 

@@ -13,6 +13,7 @@ def scaled(factor: float) -> Any:
     def edit(spec: Any) -> None:
         for body in spec.bodies:
             body.mass, body.inertia = factor * body.mass, factor * np.asarray(body.inertia)
+            body.fullinertia = factor * np.asarray(body.fullinertia)
         for geom in spec.geoms:
             geom.mass, geom.density = factor * geom.mass, factor * geom.density
 
