@@ -99,9 +99,9 @@ def weakest(robot: Any, feet: Sequence[Foot], start: Vec, gait: Gait) -> tuple[s
     (E + c) with c = FALLING (1 - e^(-lambda D)).
     """
     found = feet[0].leg[0], 0.0, 1.0
-    names = list(robot.joint_names)
+    names, twin, apart = list(robot.joint_names), robot.copy(), 1e-3
     state = robot.copy().state(start)
-    M, apart = state.mass_matrix().copy(), 1e-3
+    M, height = state.mass_matrix().copy(), float(state.com()[2])
     for foot in feet:
         shares, J = borne(robot, foot, start), state.jacobian(foot.frame).copy()
         for name in foot.leg:
@@ -109,11 +109,11 @@ def weakest(robot: Any, feet: Sequence[Foot], start: Vec, gait: Gait) -> tuple[s
             turn = np.zeros(robot.nv)
             turn[column] = 1.0
             turn[:6] = -np.linalg.solve(J[:, :6], J[:, column])  # the foot stays
-            high = [robot.copy().state(robot.integrate(start, turn, x)).com()[2] for x in (-apart, 0.0, apart)]
-            gravity = robot.mass * robot.gravity[2] * (high[0] - 2.0 * high[1] + high[2]) / apart**2
+            back, ahead = (float(twin.state(robot.integrate(start, turn, x)).com()[2]) for x in (-apart, apart))
+            gravity = robot.mass * robot.gravity[2] * (back - 2.0 * height + ahead) / apart**2
             rate = math.sqrt(max(gravity / float(turn @ M @ turn), 1e-12))  # it falls, if slowly
-            grown, back = math.expm1(rate * gait.single), -FALLING * math.expm1(-rate * gait.double)
-            share, most = float(shares[names.index(name)]), (grown + 2.0 * back) / (grown + back)
+            grown, returned = math.expm1(rate * gait.single), -FALLING * math.expm1(-rate * gait.double)
+            share, most = float(shares[names.index(name)]), (grown + 2.0 * returned) / (grown + returned)
             if share * found[2] > most * found[1]:
                 found = name, share, most
     return found

@@ -273,8 +273,8 @@ class Walker:
         """Walk at a velocity in the axes of the heading [m/s, m/s, rad/s]; zeros step in place.
 
         The velocity changes by a bounded amount from step to step.  ``command`` is the nearest velocity that steps can
-        follow, ``why`` has the reasons.  A session that is stopped stands.  So does a
-        robot whose body would fall, as a joint of its legs lacks torque under the measured weight; on its way it stops.
+        follow, ``why`` has the reasons.  A session that is stopped stands.  So does a robot if a joint of its legs
+        lacks so much torque under the measured weight that the body would fall; on its way it stops.
         """
         self._order(self._native.go, astuple(Command(forward, left, turn)))
 
