@@ -16,7 +16,7 @@ from hqp.motion.retargeting import ticked
 from hqp.motion.schedule import Schedule, schedule_of
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.targets import targets_of
-from tests.scenes.clips import FPS, GRAVITY, NAMES, _hops, ease
+from tests.scenes.clips import FPS, GRAVITY, NAMES, ease, hops
 
 from .people import walk
 from .robots import robot as catalogued
@@ -40,9 +40,9 @@ def _drawn(motion: Motion, rng: Any) -> Motion:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_jump_has_its_flight(seed: int) -> None:
-    """Of 0.1 to 0.4 m, up to 0.5 m ahead, at a drawn time."""
+    """A person jumps 0.1 to 0.4 m high and up to 0.5 m ahead at a drawn time."""
     rng = np.random.default_rng(seed)
-    jump = _hops(rng, 1, 2.0 * np.sqrt(2.0 * rng.uniform(0.1, 0.4) / GRAVITY))
+    jump = hops(rng, 1, 2.0 * np.sqrt(2.0 * rng.uniform(0.1, 0.4) / GRAVITY))
     jump = jump.part(int(rng.integers(0, 30)), len(jump.positions))
     height = jump.positions[:, NAMES.index("LeftFoot"), 2]
     lift, land = np.flatnonzero(height > height[0] + 1e-6)[[0, -1]] / FPS

@@ -45,7 +45,7 @@ def tracker_of(motion: Any, flat: bool = False) -> Tracker:
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.long) for s in range(1, 4))])
 def test_rest_takes_no_more_ticks_at_a_high_rate(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Clips of any rate settle within three seconds of ticks of 1/120 s; those from 120 Hz on in one rest."""
+    """Clips of any rate settle within three seconds of ticks of 1/120 s; clips of 120 Hz or more end in one rest."""
     rng, ticks, still = np.random.default_rng(seed), [0], walk(2.0)
     pose = still.positions[[rng.integers(len(still))]]
     step = Session.step

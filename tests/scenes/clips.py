@@ -138,20 +138,20 @@ def kick(rng: Any) -> Motion:
 
 def jump(rng: Any) -> Motion:
     """A jump on the spot."""
-    return _hops(rng, 1, rng.uniform(0.25, 0.35))
+    return hops(rng, 1, rng.uniform(0.25, 0.35))
 
 
 def hop(rng: Any) -> Motion:
     """Three small hops."""
-    return _hops(rng, 3, rng.uniform(0.12, 0.18))
+    return hops(rng, 3, rng.uniform(0.12, 0.18))
 
 
 def jumping_jacks(rng: Any) -> Motion:
     """Feet apart and together in small jumps, arms up and down."""
-    return _hops(rng, 4, rng.uniform(0.14, 0.2), apart=rng.uniform(0.15, 0.22))
+    return hops(rng, 4, rng.uniform(0.14, 0.2), apart=rng.uniform(0.15, 0.22))
 
 
-def _hops(rng: Any, count: int, air: float, apart: float = 0.0) -> Motion:
+def hops(rng: Any, count: int, air: float, apart: float = 0.0) -> Motion:
     """Jumps with so long a flight [s], feet that much further apart after every other one [m]."""
     crouch, rest = rng.uniform(0.08, 0.12), rng.uniform(0.5, 0.65)
     each = air + rest

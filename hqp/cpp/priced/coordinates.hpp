@@ -194,8 +194,8 @@ class Coordinates {
     for (int i = 0; i < n_; ++i) x[i] += still_[i];
   }
 
-  // The gradient, in x, of the part of directions without motion in |y|^2 / 2; of a row in coordinates its length along
-  // them.
+  // The gradient, in x, of the part of directions without motion in |y|^2 / 2.  A row in coordinates has its length
+  // along them here.
   double flat_pull(const double* y) const {
     double square = 0.0;
     for (int i = 0; i < n_; ++i)

@@ -171,7 +171,7 @@ class StageSearch {
         zero = true;
       }
       if (blocking >= 0) {
-        const bool itself = zero && blocking == left;  // of its own release: its sign or its rate is rounding
+        const bool itself = zero && blocking == left;  // stops its own release: its sign or its rate is rounding
         if (itself) ++own;
         if (itself && !passed_[blocking]) {
           passed_[blocking] = 1;
